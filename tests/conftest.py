@@ -1,0 +1,22 @@
+"""Fixtures that all tests share."""
+
+import pytest
+import warp as wp
+
+from warp_smoke.launch import Launcher
+
+
+def _devices():
+    return ["cpu"] + (["cuda"] if wp.is_cuda_available() else [])
+
+
+@pytest.fixture(scope="session", params=_devices())
+def device(request):
+    """Each device that kernels can run on here."""
+    return request.param
+
+
+@pytest.fixture(scope="session")
+def launcher(device):
+    """A launcher on the device, with the machine's threads."""
+    return Launcher(device)

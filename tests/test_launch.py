@@ -1,0 +1,82 @@
+"""Launching: the same bits for any number of threads, slabs that cover every cell once, counts."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _blur_rows(rows: Rows, a: wp.array3d[float], weight: float, a_out: wp.array3d[float]):
+    """a_out[i,j,k] = a[i,j,k] + weight · (a[i−1,j,k] + a[i+1,j,k]), indices clamped."""
+    i, j, c = wp.tid()
+    i += rows.first
+    src = dense(a)
+    dst = dense_store(a_out)
+    left = wp.max(i - 1, 0)
+    right = wp.min(i + 1, a.shape[0] - 1)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, a.shape[2])
+    while k < end:
+        dst[i, j, k] = bits(src[i, j, k] + weight * (src[left, j, k] + src[right, j, k]))
+        k += 1
+
+
+@wp.kernel
+def _count_visits(rows: Rows, visits_inout: wp.array[int]):
+    """visits_inout[n] += 1."""
+    n = rows.first + wp.tid()
+    visits_inout[n] = visits_inout[n] + 1
+
+
+@pytest.mark.parametrize("shape", [(70, 64, 64), (3, 5, 7), (1, 1, 1), (129, 33, 31)])
+def test_same_bits_for_any_number_of_threads(shape):
+    """1, 2 and 7 threads write bit-equal arrays, equal to NumPy's where the sum has one order."""
+    values = np.random.default_rng(1).standard_normal(shape).astype(np.float32)
+    results = []
+    for threads in (1, 2, 7):
+        launcher = Launcher("cpu", threads)
+        a, out = launcher.array(values, "test"), launcher.zeros(shape, "test")
+        launcher.launch(_blur_rows, shape, a, 0.25, out)
+        results.append(out.numpy().copy())
+    for result in results[1:]:
+        np.testing.assert_array_equal(result.view(np.int32), results[0].view(np.int32))
+    padded = np.concatenate([values[:1], values, values[-1:]])
+    expected = values + np.float32(0.25) * (padded[:-2] + padded[2:])
+    np.testing.assert_allclose(results[0], expected, rtol=3e-7, atol=1e-6)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 7])
+@pytest.mark.parametrize("count", [1, 6, 7, 4096, 10_001])
+def test_list_launch_visits_each_item_once(threads, count):
+    """Slabs of a list neither overlap nor leave gaps."""
+    launcher = Launcher("cpu", threads)
+    visits = launcher.zeros(count, "test", dtype=int)
+    launcher.launch_each(_count_visits, count, visits)
+    np.testing.assert_array_equal(visits.numpy(), 1)
+
+
+def test_replay_takes_new_arguments(launcher):
+    """A launch recorded once is replayed with the arrays and scalars of each call, not with the first ones."""
+    shape = (4, 4, 8)
+    one, two = (launcher.array(np.full(shape, v, np.float32), "test") for v in (1.0, 2.0))
+    out, other = launcher.zeros(shape, "test"), launcher.zeros(shape, "test")
+    launcher.launch(_blur_rows, shape, one, 0.5, out)
+    launcher.launch(_blur_rows, shape, two, 1.0, other)
+    launcher.launch(_blur_rows, shape, two, 0.0, out)
+    np.testing.assert_array_equal(out.numpy(), 2.0)
+    np.testing.assert_array_equal(other.numpy(), 6.0)
+
+
+def test_counts_launches_and_bytes(device):
+    """Every launch and every byte is counted by name, and an empty launch does nothing."""
+    launcher = Launcher(device, 2)
+    visits = launcher.zeros(10, "visits", dtype=int)
+    for _ in range(3):
+        launcher.launch_each(_count_visits, 10, visits)
+    launcher.launch_each(_count_visits, 0, visits)
+    assert launcher.launches == {"_count_visits": 3}
+    assert launcher.allocated == {"visits": 40}

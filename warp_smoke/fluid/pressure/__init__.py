@@ -1,0 +1,1 @@
+"""Pressure projection: one solver a file, all with the signature in `spectral.py`."""

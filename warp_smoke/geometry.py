@@ -1,0 +1,216 @@
+"""Triangle meshes as the passes need them, and the simple solids (USD's gprims) as such meshes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from warp_smoke.record import FieldError, Record, Samples, each_value, read_only, value_at
+
+# A chord of a 64-gon stays within 0.12 % of its circle.
+SEGMENTS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh(Record):
+    """A triangle mesh in its own (local) space, front faces counter-clockwise.
+
+    Attributes:
+        points: [n, 3] float32 in stage units; Samples [t, n, 3] where the points move (the triangles stay).
+        triangles: indices into points, [m, 3] int32.
+        normals: unit normal at each corner, [m, 3, 3] float32, or None: flat unless `smooth_normals` are asked for.
+        uvs: texture coordinates at each corner, [m, 3, 2] float32, v up, or None.
+    """
+
+    points: np.ndarray | Samples
+    triangles: np.ndarray
+    normals: np.ndarray | None = None
+    uvs: np.ndarray | None = None
+
+    def __post_init__(self):
+        points = self.points
+        if isinstance(points, Samples):
+            self._store("points", Samples(points.times, read_only(points.values, np.float32)))
+        else:
+            self._store("points", read_only(points, np.float32))
+        self._store("triangles", read_only(self.triangles, np.int32).reshape(-1, 3))
+        every = each_value(self.points)
+        if every.ndim != 3 or every.shape[2] != 3:
+            raise FieldError("mesh", "points", f"shape {every.shape[1:]}", "[n, 3]")
+        if not np.all(np.isfinite(every)):
+            index = np.argwhere(~np.isfinite(every))[0, 1]
+            raise FieldError("mesh", "points", f"{every[:, index][0]} at index {index}", "finite numbers")
+        count = every.shape[1]
+        if self.triangles.size and not 0 <= self.triangles.min() <= self.triangles.max() < count:
+            raise FieldError("mesh", "triangles", f"{self.triangles.min()}…{self.triangles.max()}", f"0…{count - 1}")
+        for name, width in (("normals", 3), ("uvs", 2)):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            self._store(name, read_only(value, np.float32))
+            allowed = (len(self.triangles), 3, width)
+            if getattr(self, name).shape != allowed:
+                raise FieldError("mesh", name, f"shape {np.shape(value)}", str(list(allowed)))
+
+    def points_at(self, time: float) -> np.ndarray:
+        """Local points at a time code, [n, 3] float32."""
+        return value_at(self.points, time)
+
+    @property
+    def deforms(self) -> bool:
+        """Whether the points move."""
+        return isinstance(self.points, Samples) and bool(np.ptp(self.points.values, axis=0).any())
+
+    @classmethod
+    def box(cls, size=(2.0, 2.0, 2.0), lower=None) -> "Mesh":
+        """A box with sides `size` around the origin (or from its corner `lower`), each side's UVs covering [0, 1]²."""
+        size = np.broadcast_to(np.asarray(size, np.float64), (3,))
+        lower = -size / 2 if lower is None else np.asarray(lower, np.float64)
+        corners, normals = [], []
+        for axis in range(3):
+            s, t = (axis + 1) % 3, (axis + 2) % 3
+            for side in (0.0, 1.0):
+                quad = np.zeros((4, 3))
+                quad[:, axis] = side
+                quad[:, s] = (0, 1, 1, 0) if side else (1, 0, 0, 1)
+                quad[:, t] = (0, 0, 1, 1)
+                corners.append(lower + quad * size)
+                normal = np.zeros(3)
+                normal[axis] = 2.0 * side - 1.0
+                normals.append(normal)
+        points = np.concatenate(corners)
+        triangles = np.concatenate([[[k, k + 1, k + 2], [k, k + 2, k + 3]] for k in range(0, 24, 4)])
+        quad_uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+        return cls(
+            points,
+            triangles,
+            np.repeat(normals, 6, axis=0).reshape(-1, 3, 3),
+            np.tile(quad_uvs[[0, 1, 2, 0, 2, 3]], (6, 1)).reshape(-1, 3, 2),
+        )
+
+    @classmethod
+    def grid(cls, corner, u_edge, v_edge, divisions: int = 1) -> "Mesh":
+        """A flat patch corner + u·u_edge + v·v_edge, u and v in [0, 1], facing u_edge × v_edge."""
+        steps = np.linspace(0.0, 1.0, divisions + 1)
+        u, v = (a.ravel() for a in np.meshgrid(steps, steps, indexing="ij"))
+        corner, u_edge, v_edge = (np.asarray(a, np.float64) for a in (corner, u_edge, v_edge))
+        points = corner + u[:, None] * u_edge + v[:, None] * v_edge
+        i, j = (a.ravel() for a in np.meshgrid(range(divisions), range(divisions), indexing="ij"))
+        a = i * (divisions + 1) + j
+        b = a + divisions + 1
+        triangles = np.stack([a, b, b + 1, a, b + 1, a + 1], axis=1).reshape(-1, 3)
+        normal = np.cross(u_edge, v_edge)
+        normals = np.broadcast_to(normal / np.linalg.norm(normal), (len(triangles), 3, 3))
+        return cls(points, triangles, normals, np.stack([u, v], axis=1)[triangles])
+
+    @classmethod
+    def sphere(cls, radius: float = 1.0, segments: int = SEGMENTS) -> "Mesh":
+        """A sphere around the origin."""
+        angle = np.linspace(-np.pi / 2, np.pi / 2, segments // 2 + 1)
+        return cls.revolved(radius * np.cos(angle), radius * np.sin(angle), segments=segments, smooth=True)
+
+    @classmethod
+    def cylinder(cls, radius: float = 1.0, height: float = 2.0, axis: str = "Z", segments: int = SEGMENTS) -> "Mesh":
+        """A closed cylinder around the origin."""
+        return cls.revolved([0, radius, radius, 0], np.array([-1, -1, 1, 1]) * height / 2, axis, segments)
+
+    @classmethod
+    def cone(cls, radius: float = 1.0, height: float = 2.0, axis: str = "Z", segments: int = SEGMENTS) -> "Mesh":
+        """A closed cone with its apex at +height/2."""
+        return cls.revolved([0, radius, 0], np.array([-1, -1, 1]) * height / 2, axis, segments)
+
+    @classmethod
+    def capsule(cls, radius: float = 0.5, height: float = 1.0, axis: str = "Z", segments: int = SEGMENTS) -> "Mesh":
+        """A cylinder of the given height with half a sphere at each end."""
+        angle = np.linspace(-np.pi / 2, 0, segments // 4 + 1)
+        r, z = radius * np.cos(angle), radius * np.sin(angle) - height / 2
+        return cls.revolved(np.concatenate([r, r[::-1]]), np.concatenate([z, -z[::-1]]), axis, segments, smooth=True)
+
+    @classmethod
+    def revolved(cls, r, z, axis: str = "Z", segments: int = SEGMENTS, smooth: bool = False) -> "Mesh":
+        """The outline (r, z), bottom to top, turned about an axis; closed if it starts and ends at r = 0.
+
+        Normals follow the turn, and also the outline where it is `smooth`.
+        """
+        r, z = np.asarray(r, np.float64), np.asarray(z, np.float64)
+        # r is exactly 0 at closed ends, so that their triangles collapse to points that can be left out.
+        r = np.where(np.abs(r) < 1e-12 * np.abs(r).max(), 0.0, r)
+        turn = 2 * np.pi * np.arange(segments) / segments
+        ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        points = np.concatenate(
+            [r[:, None, None] * ring, np.broadcast_to(z[:, None, None], (len(r), segments, 1))], axis=2
+        ).reshape(-1, 3)
+        level, k = (a.ravel() for a in np.meshgrid(range(len(r) - 1), range(segments), indexing="ij"))
+        right = (k + 1) % segments
+        a, b = level * segments + k, level * segments + right
+        c, d = b + segments, a + segments
+        triangles = np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3)
+        u = np.stack([k, k + 1, k + 1, k, k + 1, k], axis=1).reshape(-1, 3) / segments
+        length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(r), np.diff(z)))])
+        uvs = np.stack([u, (length / length[-1])[triangles // segments]], axis=2)
+
+        slope = np.stack([np.diff(z), -np.diff(r)], axis=1)  # outward (r, z) normal of each band
+        slope /= np.linalg.norm(slope, axis=1, keepdims=True)
+        if smooth:
+            # One band more at each end, mirrored, so that the poles' normals lie on the axis.
+            first, last = (slope[e] * (-1 if r[e] == 0 else 1, 1) for e in (0, -1))
+            padded = np.concatenate([[first], slope, [last]])
+            outline = padded[:-1] + padded[1:]
+            outline /= np.linalg.norm(outline, axis=1, keepdims=True)
+            corner = outline[triangles // segments]
+        else:
+            corner = np.repeat(slope[level], 2, axis=0)[:, None, :].repeat(3, axis=1)
+        direction = 2 * np.pi * u
+        normals = np.stack(
+            [corner[..., 0] * np.cos(direction), corner[..., 0] * np.sin(direction), corner[..., 1]], axis=2
+        )
+
+        keep = np.ones(len(triangles), bool)
+        for corners in ((0, 1), (1, 2), (2, 0)):
+            p, q = (points[triangles[:, n]] for n in corners)
+            keep &= np.any(p != q, axis=1)
+        turned = {"Z": (0, 1, 2), "X": (2, 0, 1), "Y": (1, 2, 0)}[axis]
+        return cls(points[:, turned], triangles[keep], normals[keep][..., turned], uvs[keep])
+
+
+def corner_normals(points: np.ndarray, triangles: np.ndarray, smooth: bool = False) -> np.ndarray:
+    """Unit normals at each corner, [m, 3, 3] float64; zero for triangles without area.
+
+    Args:
+        points: [n, 3].
+        triangles: [m, 3].
+        smooth: the area-weighted sum of the faces around each point instead of the face's own.
+    """
+    p = np.asarray(points, np.float64)[triangles]
+    face = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    if not smooth:
+        return normalized(np.repeat(face[:, None], 3, axis=1))
+    total = np.zeros((len(points), 3))
+    for corner in range(3):
+        np.add.at(total, triangles[:, corner], face)
+    return normalized(total)[triangles]
+
+
+def normalized(vectors: np.ndarray) -> np.ndarray:
+    """Unit vectors along the last axis; zero vectors stay zero."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
+def transform_points(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points [..., 3] through a 4 × 4 matrix in USD's row-vector convention (p' = p M), in float64."""
+    matrix = np.asarray(matrix, np.float64)
+    return np.asarray(points, np.float64) @ matrix[:3, :3] + matrix[3, :3]
+
+
+def transform_normals(matrix: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Unit normals [..., 3] through the inverse transpose of a 4 × 4 row-vector matrix, in float64.
+
+    A mirroring matrix keeps normals on the outside; see `winding_flips` for the triangles' order.
+    """
+    linear = np.asarray(matrix, np.float64)[:3, :3]
+    return normalized(np.asarray(normals, np.float64) @ np.linalg.inv(linear).T)
+
+
+def winding_flips(matrix: np.ndarray) -> bool:
+    """Whether a transform mirrors, so that triangles turn from counter-clockwise to clockwise."""
+    return bool(np.linalg.det(np.asarray(matrix, np.float64)[:3, :3]) < 0)

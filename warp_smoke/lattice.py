@@ -1,0 +1,99 @@
+"""Where the cells of a smoke domain lie: its size in cubic cells, and the way from the world to a cell and back."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from warp_smoke.record import Record, read_only
+from warp_smoke.scene import Scene, SmokeDomain
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Lattice(Record):
+    """Cubic cells in a box that may be turned.
+
+    Lattice space has its origin at the corner of cell (0, 0, 0), right-handed axes along i, j and k, and the stage's
+    unit of length.
+
+    Attributes:
+        shape: cells along each axis (nx, ny, nz).
+        voxel_size: side of a cell [stage units].
+        to_world: lattice space to world, 4 × 4 rigid row-vector matrix, float64.
+        meters_per_unit: length of a stage unit [m].
+        sides: open or closed for each of -x +x -y +y -z +z of the lattice.
+        up: unit vector up along the lattice's axes.
+    """
+
+    shape: tuple[int, int, int]
+    voxel_size: float
+    to_world: np.ndarray
+    meters_per_unit: float
+    sides: tuple[str, ...]
+    up: tuple[float, float, float]
+
+    @property
+    def h(self) -> float:
+        """Side of a cell [m]."""
+        return self.voxel_size * self.meters_per_unit
+
+    @property
+    def cells(self) -> int:
+        """Number of cells."""
+        return int(np.prod(self.shape))
+
+    @property
+    def axes(self) -> np.ndarray:
+        """The lattice's axes in the world, one a row, [3, 3]."""
+        return self.to_world[:3, :3]
+
+    def world_to_cells(self) -> np.ndarray:
+        """World to cell coordinates (cell (i, j, k) spans [i, i + 1] × …), 4 × 4 row-vector matrix, float64."""
+        return np.linalg.inv(self.to_world) @ np.diag([1 / self.voxel_size] * 3 + [1.0])
+
+    def cells_to_world(self) -> np.ndarray:
+        """Cell coordinates to world, 4 × 4 row-vector matrix, float64."""
+        return np.diag([self.voxel_size] * 3 + [1.0]) @ self.to_world
+
+
+def place_lattice(scene: Scene, domain: SmokeDomain) -> Lattice:
+    """The cells of a domain, at the scene's first frame.
+
+    Cells are cubes, so a side that is not a whole number of cells is rounded: the lattice stays centred in the box,
+    but stands on its bottom.
+    """
+    matrix = domain.transform_at(scene.start)
+    scale = np.linalg.norm(matrix[:3, :3], axis=1)
+    axes = matrix[:3, :3] / scale[:, None]
+    lower, upper = np.asarray(domain.lower), np.asarray(domain.upper)
+    anchor = lower @ matrix[:3, :3] + matrix[3, :3]  # world position of the lower corner
+    size = (upper - lower) * scale
+    mirrored = np.linalg.det(axes) < 0
+    if mirrored:  # count k from the other end, so that the axes are right-handed
+        anchor = anchor + size[2] * axes[2]
+        axes = axes * np.array([[1.0], [1.0], [-1.0]])
+
+    # Turned boxes have axes like 1e-17, which would break the tie between equal sides and wake buoyancy on other faces.
+    up = np.round(axes @ scene.up, 12)
+    bottom = 2 * int(np.argmax(np.abs(up)))
+    bottom += up[bottom // 2] < 0
+    if domain.boundary is None:
+        sides = tuple("closed" if side == bottom else "open" for side in range(6))
+    else:
+        sides = domain.boundary[:4] + (domain.boundary[4:][::-1] if mirrored else domain.boundary[4:])
+
+    h = size.max() / domain.resolution
+    shape = np.maximum(1, np.round(size / h)).astype(int)
+    slack = size - shape * h
+    shift = slack / 2
+    shift[bottom // 2] = slack[bottom // 2] if bottom % 2 else 0.0
+    to_world = np.eye(4)
+    to_world[:3, :3] = axes
+    to_world[3, :3] = anchor + shift @ axes
+    return Lattice(
+        shape=tuple(int(n) for n in shape),
+        voxel_size=float(h),
+        to_world=read_only(to_world, np.float64),
+        meters_per_unit=scene.meters_per_unit,
+        sides=sides,
+        up=tuple(float(x) for x in up),
+    )

@@ -1,0 +1,187 @@
+"""The one way kernels are launched: runs of cells, slabs over CPU threads, one cell a thread on CUDA.
+
+A grid kernel covers `rows.run` cells along k for each (i, j, c) of its launch:
+
+    i, j, c = wp.tid()
+    i += rows.first
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, a.shape[2])
+    while k < end: ...
+
+On the CPU a run is a whole row, so that LLVM can vectorise the loop, and slabs of i go to threads; on CUDA a run is
+one cell. A list kernel covers one item, `rows.first + wp.tid()`. Kernels write each element from one thread only and
+use no atomics, so results are the same to the bit for any number of threads.
+"""
+
+import os
+import threading
+from collections import Counter
+from itertools import pairwise
+from queue import SimpleQueue
+
+import numpy as np
+import warp as wp
+
+wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
+wp.set_module_options({"enable_backward": False})
+
+# Below this many cells (items for list kernels, which cost more each) the fork and join costs more than it saves.
+_CELLS_WORTH_A_THREAD = 16384
+_ITEMS_WORTH_A_THREAD = 1024
+
+
+@wp.struct
+class Rows:
+    """The part of a launch that one host thread covers: rows from `first` on, `run` cells along k a kernel thread."""
+
+    first: int
+    run: int
+
+
+@wp.func
+def dense(a: wp.array3d[float]):
+    """The same array [nx, ny, nz] with strides that follow from its shape: LLVM then sees contiguous inner loops."""
+    return wp.array(ptr=a.ptr, shape=(a.shape[0], a.shape[1], a.shape[2]), dtype=float)
+
+
+@wp.func
+def dense_store(a: wp.array3d[float]):
+    """Like `dense`, as integers: a store `b[i, j, k] = bits(x)` cannot change a float that is loaded later.
+
+    That lets LLVM vectorise kernels that gather or read many arrays. Only for arrays that the launch does not read.
+    """
+    return wp.array(ptr=a.ptr, shape=(a.shape[0], a.shape[1], a.shape[2]), dtype=wp.int32)
+
+
+@wp.func
+def bits(x: float):
+    """The bits of a float, for `dense_store`."""
+    return wp.cast(x, wp.int32)
+
+
+class _Worker:
+    """A thread that runs one recorded launch at a time."""
+
+    def __init__(self):
+        self._todo, self._done = SimpleQueue(), SimpleQueue()
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self):
+        while (command := self._todo.get()) is not None:
+            try:
+                command.launch()
+            except BaseException as error:
+                self._done.put(error)
+            else:
+                self._done.put(None)
+
+    def start(self, command: wp.Launch) -> None:
+        self._todo.put(command)
+
+    def join(self) -> None:
+        if (error := self._done.get()) is not None:
+            raise error
+
+    def stop(self) -> None:
+        self._todo.put(None)
+
+
+class _Recorded:
+    """Launches of one kernel over one shape, one for each slab, replayed with new arguments."""
+
+    def __init__(self, commands: list, args: tuple):
+        self.commands, self._args = commands, list(args)
+
+    def set(self, args: tuple) -> None:
+        for index, (old, new) in enumerate(zip(self._args, args, strict=True)):
+            if new is old or (type(new) in (int, float) and new == old):
+                continue
+            for command in self.commands:
+                command.set_param_at_index(index + 1, new)
+            self._args[index] = new
+
+
+class Launcher:
+    """Launches kernels on one device, allocates there, and counts both.
+
+    Attributes:
+        device: the Warp device.
+        threads: CPU threads (1 on CUDA).
+        launches: launches so far by kernel name.
+        allocated: bytes so far by label.
+    """
+
+    def __init__(self, device: str = "cpu", threads: int | None = None):
+        self.device = wp.get_device(device)
+        available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        self.threads = max(1, threads or available) if self.device.is_cpu else 1
+        self.launches, self.allocated = Counter(), Counter()
+        self._recorded = {}
+        self._workers = [_Worker() for _ in range(self.threads - 1)]
+
+    def __del__(self):
+        for worker in getattr(self, "_workers", ()):
+            worker.stop()
+
+    def zeros(self, shape, label: str, dtype=float) -> wp.array:
+        """A contiguous array of zeros, counted under a label."""
+        array = wp.zeros(shape, dtype=dtype, device=self.device)
+        self.allocated[label] += array.capacity
+        return array
+
+    def array(self, values: np.ndarray, label: str, dtype=None) -> wp.array:
+        """A copy of a NumPy array on the device, counted under a label."""
+        array = wp.array(values, dtype=dtype or wp.dtype_from_numpy(values.dtype), device=self.device)
+        self.allocated[label] += array.capacity
+        return array
+
+    def launch(self, kernel: wp.Kernel, shape: tuple[int, int, int], *args) -> None:
+        """Runs a grid kernel over `shape` [ni, nj, nk] cells; its first parameter, Rows, is filled in.
+
+        Arrays must be contiguous; structs must not be changed after their first launch.
+        """
+        ni, nj, nk = shape
+        run = nk if self.device.is_cpu else 1
+        self._launch(kernel, ni, (nj, -(-nk // run)), run, nj * nk / _CELLS_WORTH_A_THREAD, args)
+
+    def launch_each(self, kernel: wp.Kernel, count: int, *args) -> None:
+        """Runs a list kernel, one thread an item; its first parameter, Rows, is filled in."""
+        self._launch(kernel, count, (), 1, 1 / _ITEMS_WORTH_A_THREAD, args)
+
+    def _launch(self, kernel, rows: int, inner: tuple, run: int, share: float, args: tuple) -> None:
+        """Launches `rows` rows, each worth `share` of a thread."""
+        if rows == 0 or 0 in inner:
+            return
+        self.launches[kernel.key] += 1
+        key = (kernel, rows, inner)
+        recorded = self._recorded.get(key)
+        if recorded is None:
+            slabs = min(self.threads, rows, max(1, int(rows * share)))
+            bounds = [rows * n // slabs for n in range(slabs + 1)]
+            commands = []
+            for first, end in pairwise(bounds):
+                part = Rows()
+                part.first, part.run = first, run
+                dim = (end - first, *inner)
+                commands.append(wp.launch(kernel, dim, inputs=[part, *args], device=self.device, record_cmd=True))
+            recorded = self._recorded[key] = _Recorded(commands, args)
+        recorded.set(args)
+        first, *others = recorded.commands
+        for worker, command in zip(self._workers, others, strict=False):
+            worker.start(command)
+        try:
+            first.launch()
+        finally:
+            for worker, _ in zip(self._workers, others, strict=False):
+                worker.join()
+
+    def synchronize(self) -> None:
+        """Waits for the device, so that a clock may be read (nothing to wait for on the CPU)."""
+        if self.device.is_cuda:
+            wp.synchronize_device(self.device)
+
+
+def load_kernels(modules: list[str], device: str = "cpu") -> None:
+    """Compiles and loads the kernels of Python modules, several at once; cached by Warp after the first time."""
+    workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    wp.force_load(device=device, modules=[wp.get_module(name) for name in modules], max_workers=workers)

@@ -1,0 +1,1 @@
+"""The pyvista window; the only importer of pyvista."""

@@ -1,0 +1,145 @@
+"""Frozen records compared by value, arrays included, and the one error that a bad field raises."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+
+class FieldError(ValueError):
+    """A value that is not allowed: one line naming the prim path, the field, the value and what is allowed."""
+
+    def __init__(self, path: str, field: str, value: object, allowed: str):
+        super().__init__(f"{path}: {field} is {value}; allowed: {allowed}")
+        self.path, self.field, self.value, self.allowed = path, field, value, allowed
+
+
+def _equal(a: object, b: object) -> bool:
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return np.array_equal(np.asarray(a), np.asarray(b))
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(map(_equal, a, b))
+    return a == b
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Base of the scene's dataclasses: equal when every field is equal."""
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        return all(_equal(getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare)
+
+    __hash__ = None
+
+    def _store(self, field: str, value: object) -> None:
+        """Sets a field of the frozen record; for `__post_init__` only."""
+        object.__setattr__(self, field, value)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples(Record):
+    """A value that changes in time: linear between its samples, held for booleans, constant outside them.
+
+    Attributes:
+        times: time codes, strictly increasing, [t].
+        values: the value at each time code, [t, ...].
+    """
+
+    times: np.ndarray
+    values: np.ndarray
+
+    def __post_init__(self):
+        self._store("times", read_only(self.times, np.float64))
+        self._store("values", read_only(self.values, None))
+        if self.times.ndim != 1 or not len(self.times) or len(self.times) != len(self.values):
+            raise ValueError(
+                f"times has shape {self.times.shape} and values {self.values.shape}; allowed: [t] and [t, ...]"
+            )
+        if not np.all(np.diff(self.times) > 0):
+            raise ValueError(f"times is {self.times}; allowed: strictly increasing time codes")
+
+    def at(self, time: float) -> np.ndarray:
+        """The value at a time code."""
+        right = int(np.searchsorted(self.times, time, side="right"))
+        if right == 0 or right == len(self.times) or self.values.dtype == bool:
+            return self.values[max(right - 1, 0)]
+        t0, t1 = self.times[right - 1 : right + 1]
+        weight = (time - t0) / (t1 - t0)
+        return ((1.0 - weight) * self.values[right - 1] + weight * self.values[right]).astype(self.values.dtype)
+
+
+def value_at(value: object, time: float) -> object:
+    """A field's value at a time code, whether it changes in time (`Samples`) or not."""
+    return value.at(time) if isinstance(value, Samples) else value
+
+
+def each_value(value: object) -> np.ndarray:
+    """All values that a field takes, [t, ...], for checks and bounds."""
+    return value.values if isinstance(value, Samples) else np.asarray(value)[None]
+
+
+def read_only(value: object, dtype: type | None) -> np.ndarray:
+    """A contiguous array that cannot be written through this name."""
+    array = np.ascontiguousarray(value, dtype=dtype)
+    array = array.view()
+    array.flags.writeable = False
+    return array
+
+
+def finite(path: str, field: str, value: object, shape: tuple[int, ...] = ()) -> object:
+    """A number or an array of `shape` without NaN or infinity; may change in time.
+
+    Returns:
+        A float for an empty shape, else a tuple of floats ([3]) or a read-only float64 array; Samples stay Samples.
+    """
+    expected = "a finite number" if shape == () else f"{' × '.join(map(str, shape))} finite numbers"
+    try:
+        values = np.asarray(each_value(value), np.float64)
+    except (TypeError, ValueError):
+        raise FieldError(path, field, value, expected) from None
+    if values.shape[1:] != shape or not np.all(np.isfinite(values)):
+        raise FieldError(path, field, value, expected)
+    if isinstance(value, Samples):
+        return Samples(value.times, values)
+    if shape == ():
+        return float(values[0])
+    return tuple(values[0].tolist()) if len(shape) == 1 else read_only(values[0], np.float64)
+
+
+def at_least(path: str, field: str, value: object, low: float = 0.0, shape: tuple[int, ...] = ()) -> object:
+    """Like `finite`, with every number ≥ low."""
+    checked = finite(path, field, value, shape)
+    if np.any(each_value(checked) < low):
+        raise FieldError(path, field, value, f"≥ {low:g}")
+    return checked
+
+
+def positive(path: str, field: str, value: object, shape: tuple[int, ...] = ()) -> object:
+    """Like `finite`, with every number > 0."""
+    checked = finite(path, field, value, shape)
+    if np.any(each_value(checked) <= 0.0):
+        raise FieldError(path, field, value, "> 0")
+    return checked
+
+
+def whole(path: str, field: str, value: object, low: int, high: int) -> int:
+    """A whole number from low to high."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
+        raise FieldError(path, field, value, f"whole numbers from {low} to {high}")
+    return int(value)
+
+
+def one_of(path: str, field: str, value: object, allowed: tuple[str, ...]) -> str:
+    """One of a few tokens."""
+    if value not in allowed:
+        raise FieldError(path, field, value, ", ".join(allowed))
+    return value
+
+
+def switch(path: str, field: str, value: object) -> bool | Samples:
+    """True or false; may change in time."""
+    values = np.asarray(each_value(value))
+    if values.dtype != bool or values.ndim != 1:
+        raise FieldError(path, field, value, "true or false")
+    return value if isinstance(value, Samples) else bool(values[0])

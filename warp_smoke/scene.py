@@ -1,0 +1,511 @@
+"""What a user asks for: the scene as frozen records, checked when they are made.
+
+Lengths are in stage units (`Scene.meters_per_unit`), points and transforms in USD's row-vector convention (p' = p
+M). Quantities of the smoke are in SI units. A field marked "may change" takes a plain value or `Samples`.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from warp_smoke.geometry import Mesh
+from warp_smoke.record import (
+    FieldError,
+    Record,
+    Samples,
+    at_least,
+    each_value,
+    finite,
+    one_of,
+    positive,
+    switch,
+    value_at,
+    whole,
+)
+
+AXES = ("X", "Y", "Z")
+SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
+BOUNDARIES = ("open", "closed")
+ADVECTION_SCHEMES = ("semi_lagrangian", "maccormack")
+PRESSURE_SOLVERS = ("spectral", "conjugate_gradient")
+BAKES = ("lit", "visibility", "smokeShadow")
+FALLOFF_MODELS = ("inverseSquare", "linear", "polynomial")
+SHADOW_FILTERS = ("hard", "exact")
+SMOKE_SHADOWS = ("march", "dpd", "ray_traced")
+WRAP_MODES = ("repeat", "clamp", "mirror", "black")
+MAX_RESOLUTION = 4096
+
+
+def _identity() -> np.ndarray:
+    return np.eye(4)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Prim(Record):
+    """Something with a place on the stage.
+
+    Attributes:
+        path: prim path, unique among the scene's records of one kind.
+        transform: local to world, 4 × 4 row-vector matrix in stage units; may change.
+    """
+
+    path: str
+    transform: np.ndarray | Samples = field(default_factory=_identity)
+
+    def __post_init__(self):
+        if not isinstance(self.path, str) or not self.path.startswith("/"):
+            raise FieldError(str(self.path), "path", self.path, "an absolute prim path")
+        self._store("transform", finite(self.path, "transform", self.transform, (4, 4)))
+
+    def transform_at(self, time: float) -> np.ndarray:
+        """Local to world at a time code, 4 × 4 float64."""
+        return value_at(self.transform, time)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the transform changes."""
+        return isinstance(self.transform, Samples) and bool(np.ptp(self.transform.values, axis=0).any())
+
+    def _check(self, check, *names: str, **limits) -> None:
+        for name in names:
+            self._store(name, check(self.path, name, getattr(self, name), **limits))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SmokeDomain(Prim):
+    """A box in which smoke lives, and how it behaves there (USD: `SmokeDomainAPI`).
+
+    Attributes:
+        lower, upper: corners in local space; the transform may turn and scale the box but not shear it.
+        resolution: cells along the longest side; cells are cubes.
+        boundary: open or closed for each of the sides -x +x -y +y -z +z of the box; None = open, with the bottom
+            closed.
+        time_scale: seconds of smoke for each second of the stage.
+        max_courant: largest max|u| dt / h of a substep.
+        buoyancy_density: α, downward acceleration per density [m/s²].
+        buoyancy_temperature: β, upward acceleration per degree above ambient [m/s²].
+        ambient_temperature: temperature of the air.
+        vorticity: strength ε of vorticity confinement (0 = off).
+        density_dissipation, temperature_cooling: decay rates [1/s].
+        extinction: σ [1/m] at density 1.
+        density_scale: factor on the density that is exported.
+        advection, pressure_solver, pressure_tolerance: None = chosen by the plan.
+    """
+
+    lower: tuple[float, float, float] = (-1.0, -1.0, -1.0)
+    upper: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    resolution: int = 64
+    boundary: tuple[str, ...] | None = None
+    time_scale: float = 1.0
+    max_courant: float = 4.0
+    buoyancy_density: float = 0.0
+    buoyancy_temperature: float = 1.0
+    ambient_temperature: float = 0.0
+    vorticity: float = 0.0
+    density_dissipation: float = 0.0
+    temperature_cooling: float = 0.0
+    extinction: float = 4.0
+    density_scale: float = 1.0
+    advection: str | None = None
+    pressure_solver: str | None = None
+    pressure_tolerance: float | None = None
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._check(finite, "lower", "upper", shape=(3,))
+        if not all(a < b for a, b in zip(self.lower, self.upper, strict=True)):
+            raise FieldError(self.path, "upper", self.upper, f"greater than lower {self.lower} on each axis")
+        self._check(whole, "resolution", low=1, high=MAX_RESOLUTION)
+        self._check(positive, "time_scale", "max_courant", "density_scale")
+        self._check(finite, "buoyancy_density", "buoyancy_temperature", "ambient_temperature")
+        self._check(at_least, "vorticity", "density_dissipation", "temperature_cooling", "extinction")
+        if self.boundary is not None:
+            self._store("boundary", tuple(self.boundary))
+            if len(self.boundary) != len(SIDES):
+                raise FieldError(self.path, "boundary", self.boundary, "six tokens, one for each of " + " ".join(SIDES))
+            for token in self.boundary:
+                one_of(self.path, "boundary", token, BOUNDARIES)
+        if self.advection is not None:
+            self._check(one_of, "advection", allowed=ADVECTION_SCHEMES)
+        if self.pressure_solver is not None:
+            self._check(one_of, "pressure_solver", allowed=PRESSURE_SOLVERS)
+        if self.pressure_tolerance is not None:
+            self._check(positive, "pressure_tolerance")
+        for matrix in each_value(self.transform):
+            axes = matrix[:3, :3]
+            lengths = np.linalg.norm(axes, axis=1)
+            if lengths.min() <= 0 or np.abs(axes @ axes.T - np.diag(lengths**2)).max() > 1e-4 * lengths.max() ** 2:
+                raise FieldError(
+                    self.path, "transform", matrix[:3, :3].tolist(), "axes of non-zero length at right angles"
+                )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Emitter(Prim):
+    """A mesh that makes smoke inside itself (USD: `SmokeEmitterAPI`).
+
+    Attributes:
+        mesh: its shape, in local space.
+        density, temperature: of the smoke it makes; may change.
+        rate: [1/s], smoke of `density` added each second; None = the values are held inside the mesh; may change.
+        velocity: [m/s] along the stage's axes, given to the smoke; may change.
+        inherit_velocity: share of the emitter's own motion given to the smoke.
+        enabled: may change.
+    """
+
+    mesh: Mesh
+    density: float | Samples = 1.0
+    temperature: float | Samples = 1.0
+    rate: float | Samples | None = None
+    velocity: tuple[float, float, float] | Samples = (0.0, 0.0, 0.0)
+    inherit_velocity: float = 1.0
+    enabled: bool | Samples = True
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._check(at_least, "density")
+        self._check(finite, "temperature", "inherit_velocity")
+        self._check(finite, "velocity", shape=(3,))
+        self._check(switch, "enabled")
+        if self.rate is not None:
+            self._check(at_least, "rate")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Collider(Prim):
+    """A mesh that smoke flows around (USD: `SmokeColliderAPI`).
+
+    Attributes:
+        mesh: its shape, in local space.
+        thickness: added outside the mesh [voxels].
+    """
+
+    mesh: Mesh
+    thickness: float = 0.0
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._check(at_least, "thickness")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Texture(Record):
+    """A picture on a surface (USD: `UsdUVTexture`).
+
+    Attributes:
+        file: absolute path.
+        wrap_s, wrap_t: repeat, clamp, mirror or black.
+        color_space: of the file: sRGB, raw, or auto (sRGB for 8-bit colour).
+        scale, bias: value = file · scale + bias, RGBA.
+    """
+
+    file: str
+    wrap_s: str = "repeat"
+    wrap_t: str = "repeat"
+    color_space: str = "auto"
+    scale: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    bias: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        one_of(self.file, "wrap_s", self.wrap_s, WRAP_MODES)
+        one_of(self.file, "wrap_t", self.wrap_t, WRAP_MODES)
+        one_of(self.file, "color_space", self.color_space, ("auto", "sRGB", "raw"))
+        self._store("scale", finite(self.file, "scale", self.scale, (4,)))
+        self._store("bias", finite(self.file, "bias", self.bias, (4,)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Material(Record):
+    """How a surface reflects (Blinn-Phong with Schlick's Fresnel term); colours are linear RGB.
+
+    Attributes:
+        path: prim path.
+        diffuse_color, diffuse_texture: the texture, where there is one, stands in for the colour.
+        fresnel_r0: reflectance at normal incidence.
+        roughness: 0 to 1; the Blinn-Phong exponent is 256 (1 − roughness).
+        emissive_color: light the surface gives off.
+    """
+
+    path: str = "/Default"
+    diffuse_color: tuple[float, float, float] = (0.18, 0.18, 0.18)
+    diffuse_texture: Texture | None = None
+    fresnel_r0: tuple[float, float, float] = (0.01, 0.01, 0.01)
+    roughness: float = 0.5
+    emissive_color: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        for name in ("diffuse_color", "fresnel_r0", "emissive_color"):
+            self._store(name, at_least(self.path, name, getattr(self, name), shape=(3,)))
+        self._store("roughness", at_least(self.path, "roughness", self.roughness))
+        if self.roughness > 1:
+            raise FieldError(self.path, "roughness", self.roughness, "0 to 1")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Receiver(Record):
+    """What is baked for a surface (USD: `SmokeReceiverAPI`)."""
+
+    path: str
+    bake: tuple[str, ...] = ("lit",)
+    texture_size: int = 1024
+    receive_smoke: bool = True
+    receive_shadow: bool = True
+
+    def __post_init__(self):
+        self._store("bake", tuple(dict.fromkeys(self.bake)))
+        for token in self.bake:
+            one_of(self.path, "bake", token, BAKES)
+        self._store("texture_size", whole(self.path, "texture_size", self.texture_size, 1, 16384))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Surface(Prim):
+    """A mesh of the set: it casts shadows, and is baked where it has a receiver.
+
+    Attributes:
+        mesh: its shape, in local space.
+        material: None = the default grey.
+        visible: may change; an invisible surface casts no shadow and is not baked.
+        receiver: what to bake, or None.
+    """
+
+    mesh: Mesh
+    material: Material | None = None
+    visible: bool | Samples = True
+    receiver: Receiver | None = None
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._check(switch, "visible")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Light(Prim):
+    """What all lights share (USD: `UsdLux` and `SmokeLightAPI`).
+
+    Attributes:
+        color: linear RGB.
+        intensity: with exposure and colour temperature already in it; may change.
+        normalize: whether intensity is divided by the light's area (UsdLux).
+        enabled: whether it shines (USD: visibility); may change.
+        shadow_enable: whether it casts shadows.
+        shadow_bias, shadow_slope_bias: [stage units]; None = the least that is free of acne.
+        shadow_map_size: texels along a side of a depth map.
+        shadow_near, shadow_far: depth range [stage units]; None = what the scene needs.
+        shadow_filter: hard (depth map) or exact (a ray for each point).
+        smoke_shadow: march (transmittance along the light's rays), dpd (the paper's) or ray_traced (a ray for each
+            point).
+        smoke_shadow_size: texels along the longer side of the smoke's light buffer; None = matches the domain.
+        smoke_diffusion: r = νΔt/h² of the paper's energy diffusion (dpd).
+    """
+
+    color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    intensity: float | Samples = 1.0
+    normalize: bool = True
+    enabled: bool | Samples = True
+    shadow_enable: bool = True
+    shadow_bias: float | None = None
+    shadow_slope_bias: float | None = None
+    shadow_map_size: int = 512
+    shadow_near: float | None = None
+    shadow_far: float | None = None
+    shadow_filter: str = "hard"
+    smoke_shadow: str = "march"
+    smoke_shadow_size: int | None = None
+    smoke_diffusion: float = 0.0
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._check(at_least, "color", shape=(3,))
+        self._check(at_least, "intensity", "smoke_diffusion")
+        self._check(switch, "enabled")
+        self._check(whole, "shadow_map_size", low=1, high=16384)
+        self._check(one_of, "shadow_filter", allowed=SHADOW_FILTERS)
+        self._check(one_of, "smoke_shadow", allowed=SMOKE_SHADOWS)
+        for name in ("shadow_bias", "shadow_slope_bias", "shadow_near"):
+            if getattr(self, name) is not None:
+                self._check(at_least, name)
+        if self.shadow_far is not None:
+            self._check(positive, "shadow_far")
+            if self.shadow_far <= (self.shadow_near or 0.0):
+                raise FieldError(
+                    self.path, "shadow_far", self.shadow_far, f"greater than shadow_near {self.shadow_near}"
+                )
+        if self.smoke_shadow_size is not None:
+            self._check(whole, "smoke_shadow_size", low=1, high=16384)
+
+    def position_at(self, time: float) -> np.ndarray:
+        """World position, [3] float64."""
+        return self.transform_at(time)[3, :3]
+
+    def direction_at(self, time: float) -> np.ndarray:
+        """Unit world direction in which it shines (its −Z axis), [3] float64."""
+        axis = -self.transform_at(time)[2, :3]
+        return axis / np.linalg.norm(axis)
+
+    @property
+    def shines(self) -> bool:
+        """Whether it is ever on."""
+        return bool(np.any(each_value(self.enabled)) and np.any(each_value(self.intensity)) and any(self.color))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointLight(Light):
+    """A light at a point, or a small sphere (USD: `SphereLight`).
+
+    Attributes:
+        radius: of the sphere [stage units].
+        falloff_model: inverseSquare, linear (from falloff_start to falloff_end) or polynomial (1/(k₀ + k₁ d + k₂ d²)).
+        falloff_start, falloff_end: [stage units]; beyond falloff_end there is no light (None = no end).
+        attenuation: k₀, k₁, k₂ of the polynomial.
+    """
+
+    radius: float = 0.5
+    falloff_model: str = "inverseSquare"
+    falloff_start: float = 0.0
+    falloff_end: float | None = None
+    attenuation: tuple[float, float, float] = (1.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._check(at_least, "radius", "falloff_start")
+        self._check(one_of, "falloff_model", allowed=FALLOFF_MODELS)
+        self._check(at_least, "attenuation", shape=(3,))
+        if self.falloff_end is not None:
+            self._check(positive, "falloff_end")
+            if self.falloff_end <= self.falloff_start:
+                allowed = f"greater than falloff_start {self.falloff_start}"
+                raise FieldError(self.path, "falloff_end", self.falloff_end, allowed)
+        elif self.falloff_model == "linear":
+            raise FieldError(self.path, "falloff_end", None, "a distance, since falloff_model is linear")
+        if self.falloff_model == "polynomial" and not any(self.attenuation):
+            raise FieldError(self.path, "attenuation", self.attenuation, "at least one number > 0")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SpotLight(PointLight):
+    """A point light that shines along its −Z axis (USD: `ShapingAPI`).
+
+    Attributes:
+        cone_angle: half angle of the cone [degrees].
+        cone_softness: share of the angle over which the edge fades, 0 to 1.
+        focus: exponent of cos θ.
+    """
+
+    cone_angle: float = 90.0
+    cone_softness: float = 0.0
+    focus: float = 0.0
+
+    def __post_init__(self):
+        super().__post_init__()
+        _check_direction(self)
+        self._check(positive, "cone_angle")
+        self._check(at_least, "cone_softness", "focus")
+        if self.cone_angle > 180:
+            raise FieldError(self.path, "cone_angle", self.cone_angle, "at most 180 degrees")
+        if self.cone_softness > 1:
+            raise FieldError(self.path, "cone_softness", self.cone_softness, "0 to 1")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DistantLight(Light):
+    """A light from one direction, its −Z axis (USD: `DistantLight`).
+
+    Attributes:
+        angle: its width in the sky [degrees].
+    """
+
+    angle: float = 0.53
+    shadow_map_size: int = 1024
+
+    def __post_init__(self):
+        super().__post_init__()
+        _check_direction(self)
+        self._check(at_least, "angle")
+
+
+def _check_direction(light: Light) -> None:
+    for matrix in each_value(light.transform):
+        if not np.linalg.norm(matrix[2, :3]) > 0:
+            raise FieldError(light.path, "direction", matrix[2, :3].tolist(), "a direction that is not zero")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Camera(Prim):
+    """A camera looking along its −Z axis (USD: `UsdGeomCamera`); apertures and focal length share one unit."""
+
+    focal_length: float = 50.0
+    horizontal_aperture: float = 20.955
+    vertical_aperture: float = 15.2908
+    horizontal_offset: float = 0.0
+    vertical_offset: float = 0.0
+    near: float = 1.0
+    far: float = 1e6
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._check(positive, "focal_length", "horizontal_aperture", "vertical_aperture", "far")
+        self._check(finite, "horizontal_offset", "vertical_offset", "near")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene(Record):
+    """Everything a stage asks for.
+
+    Attributes:
+        start, end: first and last frame (time codes), both simulated.
+        time_codes_per_second: frames in a second.
+        meters_per_unit: length of a stage unit [m].
+        up_axis: X, Y or Z.
+        ambient: light from everywhere, linear RGB (USD: `DomeLight`).
+        source: the stage's file, or None for a scene made in Python.
+        warnings: what on the stage is not supported and was left as it is; not part of equality.
+    """
+
+    domains: tuple[SmokeDomain, ...] = ()
+    emitters: tuple[Emitter, ...] = ()
+    colliders: tuple[Collider, ...] = ()
+    surfaces: tuple[Surface, ...] = ()
+    lights: tuple[Light, ...] = ()
+    camera: Camera | None = None
+    ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start: int = 1
+    end: int = 48
+    time_codes_per_second: float = 24.0
+    meters_per_unit: float = 1.0
+    up_axis: str = "Y"
+    source: Path | None = field(default=None, compare=False)
+    warnings: tuple[str, ...] = field(default=(), compare=False)
+
+    def __post_init__(self):
+        for name in ("domains", "emitters", "colliders", "surfaces", "lights"):
+            records = tuple(getattr(self, name))
+            self._store(name, records)
+            paths = [record.path for record in records]
+            for path in paths:
+                if paths.count(path) > 1:
+                    raise FieldError(path, "path", path, f"unique among the scene's {name}")
+        self._store("ambient", at_least("scene", "ambient", self.ambient, shape=(3,)))
+        self._store("start", whole("scene", "start", self.start, -(10**9), 10**9))
+        self._store("end", whole("scene", "end", self.end, self.start, 10**9))
+        self._store("time_codes_per_second", positive("scene", "time_codes_per_second", self.time_codes_per_second))
+        self._store("meters_per_unit", positive("scene", "meters_per_unit", self.meters_per_unit))
+        one_of("scene", "up_axis", self.up_axis, AXES)
+
+    @property
+    def up(self) -> np.ndarray:
+        """Unit vector up, [3]."""
+        return np.eye(3)[AXES.index(self.up_axis)]
+
+    @property
+    def frames(self) -> range:
+        """The frames that are simulated."""
+        return range(self.start, self.end + 1)
+
+    @staticmethod
+    def open(path: str | Path) -> "Scene":
+        """Reads a USD stage; see `warp_smoke.usd.read`."""
+        from warp_smoke.usd.read import read_scene
+
+        return read_scene(path)

@@ -1,0 +1,1 @@
+"""Classic lighting of surfaces and its baking into textures."""

@@ -1,0 +1,1 @@
+"""Shadows: of smoke on surfaces, and of surfaces on surfaces."""

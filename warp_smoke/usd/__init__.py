@@ -1,0 +1,1 @@
+"""USD in and out: schema, reader, writer, validation."""
