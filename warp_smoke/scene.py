@@ -29,6 +29,7 @@ SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
 BOUNDARIES = ("open", "closed")
 ADVECTION_SCHEMES = ("semi_lagrangian", "maccormack")
 PRESSURE_SOLVERS = ("spectral", "conjugate_gradient")
+GRIDS = ("density", "temperature", "velocity")
 BAKES = ("lit", "visibility", "smokeShadow")
 FALLOFF_MODELS = ("inverseSquare", "linear", "polynomial")
 SHADOW_FILTERS = ("hard", "exact")
@@ -90,6 +91,7 @@ class SmokeDomain(Prim):
         density_dissipation, temperature_cooling: decay rates [1/s].
         extinction: σ [1/m] at density 1.
         density_scale: factor on the density that is exported.
+        grids: fields written to the volume files: density, temperature, velocity.
         advection, pressure_solver, pressure_tolerance: None = chosen by the plan.
     """
 
@@ -107,6 +109,7 @@ class SmokeDomain(Prim):
     temperature_cooling: float = 0.0
     extinction: float = 4.0
     density_scale: float = 1.0
+    grids: tuple[str, ...] = ("density", "velocity")
     advection: str | None = None
     pressure_solver: str | None = None
     pressure_tolerance: float | None = None
@@ -126,6 +129,9 @@ class SmokeDomain(Prim):
                 raise FieldError(self.path, "boundary", self.boundary, "six tokens, one for each of " + " ".join(SIDES))
             for token in self.boundary:
                 one_of(self.path, "boundary", token, BOUNDARIES)
+        self._store("grids", tuple(dict.fromkeys(self.grids)))
+        for token in self.grids:
+            one_of(self.path, "grids", token, GRIDS)
         if self.advection is not None:
             self._check(one_of, "advection", allowed=ADVECTION_SCHEMES)
         if self.pressure_solver is not None:
