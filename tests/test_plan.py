@@ -1,0 +1,244 @@
+"""The plan keeps what the outputs need and nothing else, and says why."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import at, floor, plume, shining
+
+import warp_smoke as ws
+from warp_smoke.record import FieldError, Samples
+
+
+def kept(plan):
+    """Names of the passes that run."""
+    return {each.name for each in plan.passes}
+
+
+def reasons(plan, name):
+    """Why a pass is left out, by its subjects."""
+    return {out.subjects: out.why for out in plan.left_out if out.name == name}
+
+
+def turning(times=(1, 4), degrees=90):
+    """A transform that turns about y."""
+    matrices = []
+    for angle in np.radians(np.linspace(0, degrees, len(times))):
+        matrix = np.eye(4)
+        matrix[0, 0] = matrix[2, 2] = np.cos(angle)
+        matrix[2, 0], matrix[0, 2] = np.sin(angle), -np.sin(angle)
+        matrices.append(matrix)
+    return Samples(times, matrices)
+
+
+def test_whole_scene():
+    """A plume over a lit floor calls for fluid, smoke shadows and a bake, but for no surface shadow."""
+    plan = ws.make_plan(plume())
+    assert kept(plan) == {
+        "emit_density",
+        "emit_temperature",
+        "add_buoyancy",
+        "project_pressure",
+        "advect_velocity",
+        "advect_density",
+        "advect_temperature",
+        "write_volume",
+        "shade_light",
+        "project_smoke",
+        "smoke_transmittance",
+        "bake",
+    }
+    assert [each.method for each in plan.passes if each.name == "project_pressure"] == ["spectral"]
+    assert set(reasons(plan, "surface_visibility").values()) == {"nothing stands between the light and it"}
+    assert all(out.why for out in plan.left_out)
+    assert all(each.why for each in plan.passes)
+
+
+def test_order_follows_the_data():
+    """Fluid passes stand before what reads their density, and a bake stands last."""
+    names = [each.name for each in ws.make_plan(plume()).passes]
+    assert names.index("advect_density") < names.index("project_smoke") < names.index("smoke_transmittance")
+    assert names[-1] == "bake"
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"vorticity": 0.5}, "confine_vorticity"),
+        ({"density_dissipation": 0.5}, "dissipate_density"),
+        ({"temperature_cooling": 0.5}, "cool_temperature"),
+    ],
+)
+def test_each_effect_runs_only_when_asked_for(change, name):
+    """An effect's strength above zero, and nothing else, adds its pass."""
+    without, with_it = ws.make_plan(plume()), ws.make_plan(plume(**change))
+    assert kept(with_it) - kept(without) == {name}
+    assert name in {out.name for out in without.left_out}
+
+
+def test_no_temperature_without_a_reader():
+    """No buoyancy of heat and no temperature among the grids: no temperature field; exported, it is kept."""
+    scene = plume()
+    cold = replace(scene.domains[0], buoyancy_temperature=0.0, buoyancy_density=1.0)
+    plan = ws.make_plan(replace(scene, domains=[cold]))
+    assert not {"emit_temperature", "advect_temperature"} & kept(plan)
+    exported = ws.make_plan(replace(scene, domains=[replace(cold, grids=("density", "temperature"))]))
+    assert {"emit_temperature", "advect_temperature"} <= kept(exported)
+
+
+def test_still_air_is_not_simulated():
+    """Nothing moves the air: neither projection nor advection, nor a velocity grid, only emission."""
+    scene = plume()
+    still = replace(scene.domains[0], buoyancy_temperature=0.0)
+    plan = ws.make_plan(replace(scene, domains=[still]))
+    fluid = {"emit_density", "write_volume"}
+    assert kept(plan) & set(ws.make_plan(scene).domains[0].passes + ("write_volume",)) == fluid
+    assert plan.domains[0].grids == ("density",)
+
+
+def test_no_emitter_no_fluid():
+    """Without an emitter, or with one that is off, empty or far away, there is no fluid and no smoke shadow."""
+    scene = plume()
+    source = scene.emitters[0]
+    for emitters in (
+        (),
+        [replace(source, enabled=False)],
+        [replace(source, enabled=Samples([1, 2], [False, False]))],
+        [replace(source, transform=at(0, 40, 0))],
+        [replace(source, rate=0.0, temperature=0.0)],
+    ):
+        plan = ws.make_plan(replace(scene, emitters=emitters))
+        assert not plan.domains
+        assert not {"project_smoke", "smoke_transmittance", "write_volume"} & kept(plan)
+        assert ("/World/Smoke",) in reasons(plan, "simulate")
+
+
+def test_no_receiver_no_light():
+    """Without a receiver no light, shadow or texture is computed; a scene without a light bakes nothing."""
+    scene = plume()
+    shading = {"shade_light", "project_smoke", "smoke_transmittance", "bake", "trace_shadow_map"}
+    assert not shading & kept(ws.make_plan(replace(scene, surfaces=())))
+    assert not shading & kept(ws.make_plan(replace(scene, lights=())))
+    assert not shading & kept(ws.make_plan(replace(scene, surfaces=[replace(floor(), visible=False)])))
+
+
+def test_lights_that_do_not_shine():
+    """A light that is off, black or out of range of the receiver is left out with its reason."""
+    scene = plume()
+    lamp = scene.lights[0]
+    for change, name, why in (
+        ({"intensity": 0.0}, "light", "intensity or colour is 0"),
+        ({"enabled": False}, "light", "off at every frame"),
+        ({"falloff_end": 1.0}, "shade_light", "beyond its falloffEnd"),
+    ):
+        plan = ws.make_plan(replace(scene, lights=[replace(lamp, **change)]))
+        assert "shade_light" not in kept(plan)
+        assert any(why in reason for reason in reasons(plan, name).values())
+
+
+def test_shadow_switches():
+    """shadow:enable, receiveSmoke and receiveShadow each remove their passes and keep the light."""
+    scene = plume()
+    cube = ws.Surface(path="/World/Cube", mesh=ws.Mesh.box(0.5), transform=at(0.5, 1, 0))
+    full = replace(scene, surfaces=[floor(), cube])
+    assert {"trace_shadow_map", "surface_visibility", "smoke_transmittance"} <= kept(ws.make_plan(full))
+    dark = replace(full, lights=[replace(light, shadow_enable=False) for light in full.lights])
+    assert kept(ws.make_plan(dark)) & {"trace_shadow_map", "smoke_transmittance", "shade_light"} == {"shade_light"}
+    receiver = replace(floor().receiver, receive_smoke=False)
+    no_smoke = ws.make_plan(replace(full, surfaces=[replace(floor(), receiver=receiver), cube]))
+    assert "smoke_transmittance" not in kept(no_smoke)
+    assert "surface_visibility" in kept(no_smoke)
+    receiver = replace(floor().receiver, receive_shadow=False)
+    no_shadow = ws.make_plan(replace(full, surfaces=[replace(floor(), receiver=receiver), cube]))
+    assert "surface_visibility" not in kept(no_shadow)
+    assert "smoke_transmittance" in kept(no_shadow)
+
+
+def test_what_cannot_shadow_is_not_traced():
+    """A caster below the floor, beside the light's way or outside a spot's cone asks for no map; one above does."""
+    scene = replace(plume(), domains=(), emitters=())
+    sun = scene.lights[1]
+    cube = ws.Surface(path="/World/Cube", mesh=ws.Mesh.box(0.5))
+    spot = ws.SpotLight(path="/World/Spot", transform=at(0, 4, 0) @ np.eye(4), cone_angle=10.0)
+    spot = replace(spot, transform=shining((0, -1, 0)) @ at(0, 4, 0))
+    for light, place, shadows in (
+        (sun, at(0, 1, 0), True),
+        (sun, at(0, -1, 0), False),
+        (sun, at(40, 1, 0), False),
+        (spot, at(0, 1, 0), True),
+        (spot, at(3, 1.5, 0), False),
+    ):
+        surfaces = [floor(), replace(cube, transform=place)]
+        plan = ws.make_plan(replace(scene, surfaces=surfaces, lights=[light]))
+        assert ("trace_shadow_map" in kept(plan)) == shadows, (light.path, place[3])
+
+
+def test_smoke_that_cannot_shadow():
+    """A light under the floor's level that shines away from the smoke leaves the pair out."""
+    scene = plume()
+    beside = ws.PointLight(path="/World/Beside", transform=at(40, 0.5, 0))
+    away = replace(floor(), transform=at(30, 0, 0))
+    plan = ws.make_plan(replace(scene, lights=[beside], surfaces=[away]))
+    assert "smoke_transmittance" not in kept(plan)
+    assert "never stands between" in next(iter(reasons(plan, "project_smoke").values()))
+
+
+def test_light_inside_the_smoke_is_ray_traced():
+    """A light in the domain has no plane behind the smoke: the method is ray_traced and there is no light buffer."""
+    scene = plume()
+    plan = ws.make_plan(replace(scene, lights=[replace(scene.lights[0], transform=at(0, 1, 0))]))
+    assert "project_smoke" not in kept(plan)
+    assert plan.receivers[0].lights[0].smoke[0][1] == "ray_traced"
+
+
+def test_what_stands_still_is_computed_once():
+    """Static lights, casters and receivers are traced and shaded once, moving ones each frame."""
+    cube = ws.Surface(path="/World/Cube", mesh=ws.Mesh.box(0.5), transform=at(0, 1, 0))
+    lamp = ws.PointLight(path="/World/Lamp", transform=at(0, 3, 0))
+    scene = ws.Scene(surfaces=[floor(), cube], lights=[lamp], end=4)
+
+    def when(scene):
+        return {each.name: each.when for each in ws.make_plan(scene).passes}
+
+    assert set(when(scene).values()) == {"once"}
+    moving = when(replace(scene, surfaces=[floor(), replace(cube, transform=turning())]))
+    assert {moving[name] for name in ("trace_shadow_map", "surface_visibility", "bake")} == {"each frame"}
+    dimming = when(replace(scene, lights=[replace(lamp, intensity=Samples([1, 4], [1.0, 0.0]))]))
+    assert dimming["trace_shadow_map"] == "once"
+    assert dimming["shade_light"] == "each frame"
+
+
+def test_colliders():
+    """A collider asks for a solver that knows solids; a static one is voxelised once; one far away is left out."""
+    scene = plume()
+    ball = ws.Collider(path="/World/Ball", mesh=ws.Mesh.sphere(0.3, 16), transform=at(0, 1, 0))
+
+    def solid(collider):
+        plan = ws.make_plan(replace(scene, colliders=[collider]))
+        return {each.name: each for each in plan.passes}
+
+    passes = solid(ball)
+    assert passes["voxelize_colliders"].when == "once"
+    assert passes["project_pressure"].method == "conjugate_gradient"
+    assert solid(replace(ball, transform=turning()))["voxelize_colliders"].when == "each substep"
+    assert "voxelize_colliders" not in solid(replace(ball, transform=at(9, 9, 9)))
+    spectral = replace(scene.domains[0], pressure_solver="spectral")
+    with pytest.raises(FieldError, match=r"/World/Smoke: pressure_solver is spectral; allowed: .*/World/Ball"):
+        ws.make_plan(replace(scene, domains=[spectral], colliders=[ball]))
+
+
+def test_plan_imports_no_warp():
+    """Planning is quick: it loads neither Warp nor pyvista."""
+    import subprocess
+    import sys
+
+    code = "import sys, warp_smoke as ws; ws.make_plan(ws.Scene()); sys.exit(bool({'warp', 'vtk'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_plan_reads_well():
+    """The printed plan has a line for each pass and each omission."""
+    plan = ws.make_plan(plume())
+    text = str(plan)
+    assert all(each.name in text and each.why in text for each in plan.passes)
+    assert all(out.why in text for out in plan.left_out)

@@ -1,0 +1,232 @@
+"""The command line: arguments in, calls out. Exit status 0 done, 2 bad input (one line), 1 failed."""
+
+import json
+import os
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, CycloptsError, Parameter
+from rich.console import Console
+
+import warp_smoke
+
+app = App(
+    name="warp-smoke",
+    help="Smoke, its shadows and baked lighting for USD stages: only the effects that a scene calls for.",
+    version=lambda: warp_smoke.__version__,
+    help_format="rich",
+)
+_out, _err = Console(), Console(stderr=True)
+
+Output = Annotated[Path | None, Parameter(name=["--output", "-o"])]
+
+
+@app.command
+def run(
+    stage: Path,
+    *,
+    output: Output = None,
+    frames: str | None = None,
+    resolution: int | None = None,
+    bake_all: bool = False,
+    device: str = "cpu",
+    threads: int | None = None,
+    as_json: Annotated[bool, Parameter(name="--json")] = False,
+):
+    """Simulate, shadow, bake and write: STAGE in, a finished stage over it in the output folder.
+
+    Parameters
+    ----------
+    stage
+        The USD stage.
+    output
+        Folder for the results; out/NAME unless given.
+    frames
+        First and last frame as A:B; the stage's unless given.
+    resolution
+        Cells along the longest side of every domain, instead of the stage's.
+    bake_all
+        Bake every visible mesh, not only those with SmokeReceiverAPI.
+    device
+        cpu, cuda or cuda:N.
+    threads
+        CPU threads; all unless given.
+    as_json
+        Print the report as JSON.
+    """
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+
+    scene = _open(stage, frames, resolution, bake_all)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=_err, transient=True) as progress:
+        task = progress.add_task("Loading kernels (compiled on first use)", total=len(scene.frames))
+        result = warp_smoke.run(
+            scene,
+            output,
+            device=device,
+            threads=threads,
+            on_frame=lambda frame: progress.update(task, advance=1, description=f"Frame {frame.frame}"),
+        )
+    if as_json:
+        print(json.dumps(result.report, indent=2))
+        return
+    _warn(scene)
+    from warp_smoke.report import summary_table
+
+    _out.print(summary_table(result.report))
+    _out.print(f"Wrote {result.stage}", soft_wrap=True, highlight=False)
+
+
+@app.command
+def plan(
+    stage: Path,
+    *,
+    frames: str | None = None,
+    resolution: int | None = None,
+    bake_all: bool = False,
+    as_json: Annotated[bool, Parameter(name="--json")] = False,
+):
+    """Show which passes STAGE calls for, in order, and why the others do not run; nothing is simulated.
+
+    Parameters
+    ----------
+    stage
+        The USD stage.
+    frames
+        First and last frame as A:B; the stage's unless given.
+    resolution
+        Cells along the longest side of every domain, instead of the stage's.
+    bake_all
+        Plan to bake every visible mesh, not only those with SmokeReceiverAPI.
+    as_json
+        Print the plan as JSON.
+    """
+    from rich.table import Table
+
+    scene = _open(stage, frames, resolution, bake_all)
+    made = warp_smoke.make_plan(scene)
+    if as_json:
+        passes, left_out = ([asdict(each) for each in kind] for kind in (made.passes, made.left_out))
+        print(json.dumps({"passes": passes, "left_out": left_out, "bytes": made.bytes}, indent=2))
+        return
+    _warn(scene)
+    table = Table("Pass", "For", "When", "Why", title="Runs, in this order")
+    for each in made.passes:
+        method = f"\n[dim]{each.method}[/dim]" if each.method else ""
+        table.add_row(each.name + method, "\n".join(each.subjects), each.when, each.why)
+    _out.print(table if made.passes else "Nothing runs.")
+    if made.left_out:
+        table = Table("Pass", "For", "Why not", title="Left out", style="dim")
+        for out in made.left_out:
+            table.add_row(out.name, "\n".join(out.subjects), out.why)
+        _out.print(table)
+    _out.print(f"Device memory, estimated: {sum(made.bytes.values()) / 2**20:.0f} MiB", highlight=False)
+
+
+@app.command
+def preview(path: Path, *, frame: int | None = None, screenshot: Path | None = None):
+    """Look at a stage, or at the results in a folder, in a window or as a picture.
+
+    Parameters
+    ----------
+    path
+        A USD stage or a folder written by `run`.
+    frame
+        Frame to start with; the middle one unless given.
+    screenshot
+        Save a picture here instead of opening a window.
+    """
+    from warp_smoke.preview import open_preview
+
+    open_preview(path, frame=frame, screenshot=screenshot)
+    if screenshot:
+        _out.print(f"Wrote {screenshot}", soft_wrap=True, highlight=False)
+
+
+@app.command
+def validate(path: Path, *, as_json: Annotated[bool, Parameter(name="--json")] = False):
+    """Check that a stage is one that every DCC accepts; exit status 1 if it is not.
+
+    Parameters
+    ----------
+    path
+        A USD stage or a folder written by `run`.
+    as_json
+        Print the problems as JSON.
+    """
+    from warp_smoke.usd.validate import validate_stage
+
+    problems = validate_stage(path)
+    if as_json:
+        print(json.dumps([asdict(problem) for problem in problems], indent=2, default=str))
+    else:
+        for problem in problems:
+            _out.print(str(problem), soft_wrap=True, markup=False)
+        _out.print(f"{path}: {len(problems)} problem(s)" if problems else f"{path}: no problems", highlight=False)
+    return 1 if any(problem.severity == "error" for problem in problems) else 0
+
+
+@app.command
+def info(*, as_json: Annotated[bool, Parameter(name="--json")] = False):
+    """Print versions, devices, threads and the kernel cache's folder.
+
+    Parameters
+    ----------
+    as_json
+        Print as JSON.
+    """
+    from warp_smoke.report import environment
+
+    facts = environment()
+    if as_json:
+        print(json.dumps(facts, indent=2))
+        return
+    for name, value in facts.items():
+        _out.print(f"{name:14} {value}", soft_wrap=True, highlight=False)
+
+
+def _open(stage: Path, frames: str | None, resolution: int | None, bake_all: bool) -> "warp_smoke.Scene":
+    """The scene of a stage with the command line's changes."""
+    scene = warp_smoke.Scene.open(stage)
+    if frames is not None:
+        first, colon, last = frames.partition(":")
+        try:
+            scene = replace(scene, start=int(first), end=int(last if colon else first))
+        except ValueError:
+            allowed = "A:B, whole numbers with A ≤ B"
+            raise ValueError(f"--frames is {frames}; allowed: {allowed}") from None
+    if resolution is not None:
+        scene = replace(scene, domains=[replace(domain, resolution=resolution) for domain in scene.domains])
+    if bake_all:
+        surfaces = [s if s.receiver else replace(s, receiver=warp_smoke.Receiver(path=s.path)) for s in scene.surfaces]
+        scene = replace(scene, surfaces=surfaces)
+    return scene
+
+
+def _warn(scene: "warp_smoke.Scene") -> None:
+    for warning in scene.warnings:
+        _err.print(f"[yellow]warning[/yellow] {warning}", soft_wrap=True, highlight=False)
+
+
+def main() -> None:
+    """Entry point of `warp-smoke`."""
+    try:
+        status = app(exit_on_error=False, print_error=False)
+    except (CycloptsError, ValueError, OSError, NotImplementedError, ImportError, MemoryError) as error:
+        _err.print(f"[red]error[/red] {_one_line(error)}", soft_wrap=True, highlight=False)
+        status = 1 if isinstance(error, ImportError | MemoryError) else 2
+    except KeyboardInterrupt:
+        _err.print("Stopped.")
+        status = 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 1
+    sys.exit(status or 0)
+
+
+def _one_line(error: Exception) -> str:
+    from rich.markup import escape
+
+    return escape(" ".join(str(error).split()) or type(error).__name__)

@@ -1,0 +1,116 @@
+"""Which things can touch which: conservative tests on bounds over all frames, for the plan."""
+
+import numpy as np
+
+from warp_smoke.geometry import transform_points
+from warp_smoke.lattice import Lattice
+from warp_smoke.record import Samples, each_value
+from warp_smoke.scene import DistantLight, Light, Prim, SpotLight
+
+_CORNERS = np.array([[i, j, k] for i in (0.0, 1.0) for j in (0.0, 1.0) for k in (0.0, 1.0)])
+
+
+def swept_corners(prim: Prim, frames: range) -> np.ndarray:
+    """Corners of a mesh's local bounds in the world at every frame, [8 t, 3] float64; none for a mesh without points."""
+    points = each_value(prim.mesh.points).reshape(-1, 3)
+    if not len(points):
+        return np.zeros((0, 3))
+    lower, upper = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+    corners = lower + _CORNERS * (upper - lower)
+    return np.concatenate([transform_points(matrix, corners) for matrix in _transforms(prim, frames)])
+
+
+def in_box(lattice: Lattice, points: np.ndarray) -> bool:
+    """Whether the hull of world points meets a lattice's box."""
+    cells = transform_points(lattice.world_to_cells(), points)
+    return _hull_meets_box(cells, np.zeros(3), np.asarray(lattice.shape, float))
+
+
+def light_in_box(light: Light, lattice: Lattice, frames: range) -> bool:
+    """Whether a point light is ever inside a lattice's box or on its surface."""
+    if isinstance(light, DistantLight):
+        return False
+    positions = np.array([matrix[3, :3] for matrix in _transforms(light, frames)])
+    cells = transform_points(lattice.world_to_cells(), positions)
+    return bool(np.any(np.all((cells >= -0.5) & (cells <= np.asarray(lattice.shape) + 0.5), axis=1)))
+
+
+def in_range(light: Light, points: np.ndarray, frames: range) -> bool:
+    """Whether a light reaches any point of the hull of world points: within its falloff's end."""
+    if isinstance(light, DistantLight) or light.falloff_end is None:
+        return True
+    positions = np.array([matrix[3, :3] for matrix in _transforms(light, frames)])
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    nearest = np.clip(positions, lower, upper)
+    return bool(np.any(np.linalg.norm(positions - nearest, axis=1) < light.falloff_end))
+
+
+def may_shadow(light: Light, blocker: np.ndarray, receiver: np.ndarray, frames: range) -> bool:
+    """Whether anything in a blocker's bounds may lie between a light and a receiver, at any frame.
+
+    The hull of the light and the receiver (all frames together, so never too small) is tested against the blocker's
+    bounding box.
+
+    Args:
+        light: the light.
+        blocker: world points whose box blocks light, [n, 3].
+        receiver: world points whose hull receives it, [m, 3].
+        frames: the frames to consider.
+    """
+    if not len(blocker) or not len(receiver):
+        return False
+    lower, upper = blocker.min(axis=0), blocker.max(axis=0)
+    matrices = _transforms(light, frames)
+    if isinstance(light, DistantLight):
+        reach = np.linalg.norm(np.maximum(upper, receiver.max(axis=0)) - np.minimum(lower, receiver.min(axis=0)))
+        directions = np.array([-matrix[2, :3] / np.linalg.norm(matrix[2, :3]) for matrix in matrices])
+        lit_from = np.concatenate([receiver - reach * direction for direction in np.unique(directions, axis=0)])
+    else:
+        lit_from = np.unique(np.array([matrix[3, :3] for matrix in matrices]), axis=0)
+    if isinstance(light, SpotLight) and not _cone_meets(light, matrices, lower, upper):
+        return False
+    return _hull_meets_box(np.concatenate([receiver, lit_from]), lower, upper)
+
+
+def _cone_meets(light: SpotLight, matrices: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
+    """Whether the bounding sphere of a box meets a spot light's cone at any frame."""
+    centre, radius = (lower + upper) / 2, np.linalg.norm(upper - lower) / 2
+    for matrix in matrices:
+        offset = centre - matrix[3, :3]
+        distance = np.linalg.norm(offset)
+        if distance <= radius:
+            return True
+        axis = -matrix[2, :3] / np.linalg.norm(matrix[2, :3])
+        angle = np.arccos(np.clip(offset @ axis / distance, -1.0, 1.0))
+        if angle <= np.radians(light.cone_angle) + np.arcsin(radius / distance):
+            return True
+    return False
+
+
+def _transforms(prim: Prim, frames: range) -> np.ndarray:
+    """A prim's transforms at every frame and sample, [t, 4, 4]."""
+    if not isinstance(prim.transform, Samples):
+        return prim.transform[None]
+    times = np.union1d(np.asarray(frames, float), prim.transform.times)
+    return np.array([prim.transform_at(time) for time in times])
+
+
+def _hull_meets_box(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
+    """Whether the convex hull of points [n, 3] meets a box: is there λ ≥ 0, Σλ = 1 with lower ≤ λ·points ≤ upper?"""
+    if np.any(points.max(axis=0) < lower) or np.any(points.min(axis=0) > upper):
+        return False
+    if np.any(np.all((points >= lower) & (points <= upper), axis=1)):
+        return True
+    centre = (lower + upper) / 2
+    scale = max(np.abs(points - centre).max(), 1e-30)  # unit-sized numbers for the solver's absolute tolerances
+    p, low, high = ((a - centre) / scale for a in (points, lower, upper))
+    from scipy.optimize import linprog  # takes 0.3 s to import, and most pairs are settled above
+
+    answer = linprog(
+        np.zeros(len(p)),
+        A_ub=np.concatenate([p.T, -p.T]),
+        b_ub=np.concatenate([high, -low]),
+        A_eq=np.ones((1, len(p))),
+        b_eq=[1.0],
+    )
+    return answer.status != 2  # 2 = proven infeasible; anything else counts as meeting
