@@ -11,7 +11,7 @@ _CORNERS = np.array([[i, j, k] for i in (0.0, 1.0) for j in (0.0, 1.0) for k in 
 
 
 def swept_corners(prim: Prim, frames: range) -> np.ndarray:
-    """Corners of a mesh's local bounds in the world at every frame, [8 t, 3] float64; none for a mesh without points."""
+    """Corners of a mesh's local bounds in the world at every frame, [8 t, 3] float64; none without points."""
     points = each_value(prim.mesh.points).reshape(-1, 3)
     if not len(points):
         return np.zeros((0, 3))
