@@ -9,7 +9,7 @@ class FieldError(ValueError):
     """A value that is not allowed: one line naming the prim path, the field, the value and what is allowed."""
 
     def __init__(self, path: str, field: str, value: object, allowed: str):
-        super().__init__(f"{path}: {field} is {value}; allowed: {allowed}")
+        super().__init__(f"{path}: {field} is {' '.join(str(value).split())}; allowed: {allowed}")
         self.path, self.field, self.value, self.allowed = path, field, value, allowed
 
 

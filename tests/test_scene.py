@@ -1,0 +1,97 @@
+"""Records check themselves, compare by value and cannot be changed."""
+
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import plume
+
+import warp_smoke as ws
+from warp_smoke.record import FieldError, Samples, value_at
+
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize(
+    ("make", "field", "bad"),
+    [
+        (ws.SmokeDomain, "resolution", [0, -1, 1.5, True, 100_000, "64", None]),
+        (ws.SmokeDomain, "upper", [(-1, 1, 1), (NAN, 1, 1), (1, 1), "big", (-2, -2, -2)]),
+        (ws.SmokeDomain, "boundary", [("open",) * 5, ("shut",) * 6]),
+        (ws.SmokeDomain, "max_courant", [0, -1, NAN, INF]),
+        (ws.SmokeDomain, "density_dissipation", [-0.1, NAN]),
+        (ws.SmokeDomain, "advection", ["magic"]),
+        (ws.SmokeDomain, "grids", [("heat",)]),
+        (ws.SmokeDomain, "transform", [np.zeros((4, 4)), np.eye(3), np.full((4, 4), NAN)]),
+        (ws.PointLight, "intensity", [-1.0, NAN, "bright", Samples([1, 2], [1.0, -1.0])]),
+        (ws.PointLight, "color", [(1, 1), (1, -1, 1)]),
+        (ws.PointLight, "shadow_map_size", [0, -4, 10**6]),
+        (ws.PointLight, "falloff_end", [0.0, -1.0]),
+        (ws.PointLight, "falloff_model", ["linear", "cubic"]),
+        (ws.DistantLight, "transform", [np.diag([1.0, 1.0, 0.0, 1.0])]),
+        (ws.SpotLight, "cone_angle", [0.0, 181.0]),
+        (ws.Material, "roughness", [-0.1, 1.1, NAN]),
+        (ws.Receiver, "texture_size", [0, 10**6]),
+        (ws.Receiver, "bake", [("shine",)]),
+        (ws.Camera, "focal_length", [0.0, -1.0]),
+    ],
+)
+def test_bad_fields_are_named(make, field, bad):
+    """A bad value is refused in one line that names path, field, value and what is allowed."""
+    for value in bad:
+        with pytest.raises(FieldError) as caught:
+            make(path="/World/It", **{field: value})
+        message = str(caught.value)
+        assert message.startswith("/World/It: ")
+        assert "allowed: " in message
+        assert "\n" not in message
+
+
+def test_paths():
+    """Paths are absolute and unique."""
+    with pytest.raises(FieldError, match="absolute prim path"):
+        ws.SmokeDomain(path="Smoke")
+    domain = ws.SmokeDomain(path="/Smoke")
+    with pytest.raises(FieldError, match="unique among the scene's domains"):
+        ws.Scene(domains=[domain, domain])
+
+
+def test_frame_range():
+    """A reversed range is refused."""
+    with pytest.raises(FieldError, match="end is 3; allowed: whole numbers from 10"):
+        ws.Scene(start=10, end=3)
+
+
+def test_equality_is_by_value():
+    """Scenes made twice are equal; any change, in an array too, makes them differ; nothing can be assigned."""
+    scene = plume()
+    assert scene == plume()
+    assert scene != replace(scene, end=9)
+    moved = replace(scene.emitters[0], transform=np.eye(4))
+    assert scene != replace(scene, emitters=[moved])
+    assert scene != replace(scene, lights=scene.lights[::-1])
+    with pytest.raises(FrozenInstanceError):
+        scene.end = 9
+    with pytest.raises(ValueError, match="read-only"):
+        scene.emitters[0].transform[0, 0] = 2.0
+
+
+@given(
+    st.lists(st.floats(-100, 100), min_size=1, max_size=6, unique=True).map(sorted),
+    st.floats(-200, 200),
+    st.data(),
+)
+def test_samples_interpolate(times, time, data):
+    """Samples agree with NumPy's linear interpolation, constant outside."""
+    values = data.draw(st.lists(st.floats(-1e3, 1e3), min_size=len(times), max_size=len(times)))
+    sampled = Samples(times, np.array(values))
+    # Times closer than 1e-12 of each other make the slope's rounding visible.
+    assert value_at(sampled, time) == pytest.approx(np.interp(time, times, values), abs=1e-6)
+
+
+def test_switches_hold():
+    """Booleans hold their last value until the next sample."""
+    switch = Samples([1, 5], [False, True])
+    assert [bool(value_at(switch, t)) for t in (0, 1, 4.9, 5, 9)] == [False, False, False, True, True]
