@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from warp_smoke.lattice import Lattice, place_lattice
-from warp_smoke.reach import in_box, in_range, light_in_box, may_shadow, swept_corners
+from warp_smoke.reach import in_box, in_range, light_in_box, may_shadow, swept_corners, times_in
 from warp_smoke.record import FieldError, Samples, each_value
 from warp_smoke.scene import Collider, DistantLight, Emitter, Light, Scene, SmokeDomain, Surface
 
@@ -425,8 +425,7 @@ def _over(value, frames: range) -> np.ndarray:
     """A switch at every frame and at its own samples between them."""
     if not isinstance(value, Samples):
         return np.asarray(value)
-    inside = value.times[(value.times >= frames[0]) & (value.times <= frames[-1])]
-    return np.array([value.at(time) for time in np.union1d(np.asarray(frames, float), inside)])
+    return np.array([value.at(time) for time in times_in(value, frames)])
 
 
 def _is_flat(surface: Surface) -> bool:

@@ -88,11 +88,16 @@ def _cone_meets(light: SpotLight, matrices: np.ndarray, lower: np.ndarray, upper
 
 
 def _transforms(prim: Prim, frames: range) -> np.ndarray:
-    """A prim's transforms at every frame and sample, [t, 4, 4]."""
+    """A prim's transforms at every frame and at the samples between them, [t, 4, 4]."""
     if not isinstance(prim.transform, Samples):
         return prim.transform[None]
-    times = np.union1d(np.asarray(frames, float), prim.transform.times)
-    return np.array([prim.transform_at(time) for time in times])
+    return np.array([prim.transform_at(time) for time in times_in(prim.transform, frames)])
+
+
+def times_in(samples: Samples, frames: range) -> np.ndarray:
+    """Every frame, and the times of samples between them."""
+    between = samples.times[(samples.times > frames[0]) & (samples.times < frames[-1])]
+    return np.union1d(np.asarray(frames, float), between)
 
 
 def _hull_meets_box(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
