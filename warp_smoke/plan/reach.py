@@ -20,8 +20,33 @@ def swept_corners(prim: Prim, frames: range) -> np.ndarray:
     return np.concatenate([transform_points(matrix, corners) for matrix in _transforms(prim, frames)])
 
 
+def is_moving(*prims: Prim) -> bool:
+    """Whether any of the prims changes place or shape."""
+    return any(prim.moves or (hasattr(prim, "mesh") and prim.mesh.deforms) for prim in prims)
+
+
+def is_flat(prim: Prim) -> bool:
+    """Whether all points of a mesh always lie in one plane, so that it cannot shadow itself."""
+    if prim.mesh.deforms:
+        return False
+    points = each_value(prim.mesh.points)[0].astype(np.float64)
+    if len(points) < 4:
+        return True
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[2] <= 1e-6 * spread[0])
+
+
+def over(value: object, frames: range) -> np.ndarray:
+    """What a field is at every frame, and at its samples between them."""
+    if not isinstance(value, Samples):
+        return np.asarray(value)
+    return np.array([value.at(time) for time in times_in(value, frames)])
+
+
 def in_box(lattice: Lattice, points: np.ndarray) -> bool:
-    """Whether the hull of world points meets a lattice's box."""
+    """Whether the hull of world points [n, 3] meets a lattice's box."""
+    if not len(points):
+        return False
     cells = transform_points(lattice.world_to_cells(), points)
     return _hull_meets_box(cells, np.zeros(3), np.asarray(lattice.shape, float))
 

@@ -8,7 +8,7 @@ from scenes import at, shining
 
 import warp_smoke as ws
 from warp_smoke.lattice import place_lattice
-from warp_smoke.reach import in_box, in_range, light_in_box, may_shadow, swept_corners
+from warp_smoke.plan.reach import in_box, in_range, light_in_box, may_shadow, swept_corners
 from warp_smoke.record import Samples
 
 FRAMES = range(1, 3)

@@ -1,0 +1,124 @@
+"""Which fluid passes a domain calls for."""
+
+import numpy as np
+
+from warp_smoke.lattice import Lattice, place_lattice
+from warp_smoke.plan.passes import DomainPlan, Ledger, When
+from warp_smoke.plan.reach import in_box, is_moving, over, swept_corners
+from warp_smoke.record import FieldError, each_value
+from warp_smoke.scene import Collider, Emitter, Scene, SmokeDomain
+
+DEFAULT_ADVECTION = "maccormack"
+DEFAULT_TOLERANCE = 1e-3
+
+
+def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan | None:
+    """Plans the fluid of one domain, or None if it never holds smoke."""
+    lattice = place_lattice(scene, domain)
+    emitters = _emitters(ledger, scene, domain, lattice)
+    if not emitters:
+        why = "no emitter that is ever on touches it, so it never holds smoke"
+        ledger.omit("simulate", (domain.path,), why)
+        return None
+    colliders = _colliders(ledger, scene, domain, lattice)
+    solver = _pressure_solver(domain, colliders)
+    scheme = domain.advection or DEFAULT_ADVECTION
+
+    hot = any(np.any(each_value(e.temperature) != domain.ambient_temperature) for e in emitters)
+    buoyant_by_heat = hot and domain.buoyancy_temperature != 0
+    buoyant_by_weight = domain.buoyancy_density != 0 and any(np.any(each_value(e.density)) for e in emitters)
+    has_heat = buoyant_by_heat or "temperature" in domain.grids
+    pushing = [e for e in emitters if np.any(each_value(e.velocity)) or (e.inherit_velocity and is_moving(e))]
+    stirring = [c for c in colliders if is_moving(c)]
+    flows = bool(buoyant_by_heat or buoyant_by_weight or pushing or stirring)
+    still = "nothing moves the air: no buoyancy, no emitter that pushes, no moving collider"
+    cold = "no buoyancy reads it and it is not exported"
+
+    kept = []
+
+    def choose(name: str, asked: object, why: str, why_not: str, *, makes: str, when=When.SUBSTEP, method="") -> None:
+        if asked:
+            kept.append(name)
+            ledger.keep(name, (domain.path,), when, makes, why, method)
+        else:
+            ledger.omit(name, (domain.path,), why_not)
+
+    choose(
+        "voxelize_colliders",
+        flows and colliders,
+        f"smoke flows around {_paths(colliders)}",
+        still if colliders else "no collider touches the domain",
+        makes="solid cells",
+        when=When.SUBSTEP if stirring else When.ONCE,
+    )
+    choose("emit_density", True, f"{_paths(emitters)} makes smoke", "", makes="density")
+    asks = "buoyancy reads it" if buoyant_by_heat else "it is among the exported grids"
+    choose("emit_temperature", has_heat, asks, cold, makes="temperature")
+    why, why_not = f"{_paths(pushing)} pushes the air", "no emitter has a velocity or moves"
+    choose("emit_velocity", pushing, why, why_not, makes="velocity")
+    why = "smoke is hotter or colder than the air" if buoyant_by_heat else "smoke has weight"
+    why_not = "no emitter makes smoke that buoyancy acts on"
+    choose("add_buoyancy", buoyant_by_heat or buoyant_by_weight, why, why_not, makes="velocity")
+    why_not = still if domain.vorticity else "vorticity is 0"
+    choose(
+        "confine_vorticity", flows and domain.vorticity, f"vorticity is {domain.vorticity:g}", why_not, makes="velocity"
+    )
+    why = "air keeps its volume"
+    choose("project_pressure", flows, why, still, makes="velocity without divergence", method=solver)
+    choose("advect_velocity", flows, "air carries its own motion along", still, makes="velocity", method=scheme)
+    choose("advect_density", flows, "air carries smoke along", still, makes="density", method=scheme)
+    why, why_not = "air carries heat along", still if has_heat else cold
+    choose("advect_temperature", flows and has_heat, why, why_not, makes="temperature", method=scheme)
+    rate = domain.density_dissipation
+    choose("dissipate_density", rate, f"densityDissipation is {rate:g}/s", "densityDissipation is 0", makes="density")
+    rate = domain.temperature_cooling
+    why, why_not = f"temperatureCooling is {rate:g}/s", "temperatureCooling is 0" if has_heat else cold
+    choose("cool_temperature", has_heat and rate, why, why_not, makes="temperature")
+
+    grids = tuple(grid for grid in domain.grids if grid != "velocity" or flows)
+    if grids != domain.grids:
+        ledger.omit("write velocity", (domain.path,), still)
+    ledger.keep("write_volume", (domain.path,), When.FRAME, ", ".join(grids), "the domain's smoke is exported")
+    tolerance = domain.pressure_tolerance or DEFAULT_TOLERANCE
+    return DomainPlan(domain, lattice, tuple(kept), emitters, colliders, scheme, solver, tolerance, grids)
+
+
+def _paths(prims: list | tuple) -> str:
+    return ", ".join(prim.path for prim in prims)
+
+
+def _emitters(ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Lattice) -> tuple[Emitter, ...]:
+    found = []
+    for emitter in scene.emitters:
+        gives = emitter.density if emitter.rate is None else emitter.rate
+        corners = swept_corners(emitter, scene.frames)
+        if not np.any(over(emitter.enabled, scene.frames)):
+            why = f"{emitter.path} is off at every frame"
+        elif not np.any(each_value(gives)) and not np.any(each_value(emitter.temperature)):
+            why = f"{emitter.path} makes no smoke: its density or rate is 0"
+        elif not in_box(lattice, corners):
+            why = f"{emitter.path} never touches {domain.path}"
+        else:
+            found.append(emitter)
+            continue
+        ledger.omit("emit", (domain.path, emitter.path), why)
+    return tuple(found)
+
+
+def _colliders(ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Lattice) -> tuple[Collider, ...]:
+    found = []
+    for collider in scene.colliders:
+        if in_box(lattice, swept_corners(collider, scene.frames)):
+            found.append(collider)
+        else:
+            why = f"{collider.path} never touches {domain.path}"
+            ledger.omit("collide", (domain.path, collider.path), why)
+    return tuple(found)
+
+
+def _pressure_solver(domain: SmokeDomain, colliders: tuple[Collider, ...]) -> str:
+    solver = domain.pressure_solver or ("conjugate_gradient" if colliders else "spectral")
+    if solver == "spectral" and colliders:
+        allowed = f"conjugate_gradient, since {colliders[0].path} is a collider in it"
+        raise FieldError(domain.path, "pressure_solver", solver, allowed)
+    return solver

@@ -1,0 +1,168 @@
+"""What a plan is made of: passes that run, passes that do not, and the same sorted for the executor."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from warp_smoke.lattice import Lattice
+from warp_smoke.scene import Collider, Emitter, Light, Scene, SmokeDomain, Surface
+
+# Fluid first, then what reads its density; inside each group as a step runs.
+PASS_NAMES = (
+    "voxelize_colliders",
+    "emit_density",
+    "emit_temperature",
+    "emit_velocity",
+    "add_buoyancy",
+    "confine_vorticity",
+    "project_pressure",
+    "advect_velocity",
+    "advect_density",
+    "advect_temperature",
+    "dissipate_density",
+    "cool_temperature",
+    "write_volume",
+    "trace_shadow_map",
+    "surface_visibility",
+    "shade_light",
+    "project_smoke",
+    "smoke_transmittance",
+    "bake",
+)
+
+
+class When(StrEnum):
+    """How often a pass runs."""
+
+    ONCE = "once"
+    FRAME = "each frame"
+    SUBSTEP = "each substep"
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One thing that is computed.
+
+    Attributes:
+        name: one of PASS_NAMES.
+        subjects: prim paths that it is done for.
+        when: how often.
+        makes: the result, in words.
+        why: what asks for it.
+        method: which of several methods, where there is a choice.
+    """
+
+    name: str
+    subjects: tuple[str, ...]
+    when: When
+    makes: str
+    why: str
+    method: str = ""
+
+    def __str__(self) -> str:
+        method = f" [{self.method}]" if self.method else ""
+        return f"{self.name}{method}  {' × '.join(self.subjects)}  ({self.when}): {self.why}"
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A pass that nothing needs, and why not."""
+
+    name: str
+    subjects: tuple[str, ...]
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.name}  {' × '.join(self.subjects)}: {self.why}"
+
+
+class Ledger:
+    """Passes and omissions as they are found while a plan is made."""
+
+    def __init__(self):
+        self.passes: dict[tuple, Pass] = {}
+        self.left_out: dict[tuple, LeftOut] = {}
+
+    def keep(self, name: str, subjects: tuple[str, ...], when: When, makes: str, why: str, method: str = "") -> None:
+        """Notes a pass, once for each place."""
+        self.passes.setdefault((name, subjects), Pass(name, subjects, when, makes, why, method))
+
+    def omit(self, name: str, subjects: tuple[str, ...], why: str) -> None:
+        """Notes that a pass is not run."""
+        self.left_out.setdefault((name, subjects), LeftOut(name, subjects, why))
+
+    def in_order(self) -> tuple[Pass, ...]:
+        """The passes as they run."""
+        return tuple(sorted(self.passes.values(), key=lambda each: PASS_NAMES.index(each.name)))
+
+
+@dataclass(frozen=True)
+class DomainPlan:
+    """The fluid passes of one domain.
+
+    Attributes:
+        passes: names of the passes that run.
+        emitters, colliders: those that touch the domain.
+        advection, pressure_solver, pressure_tolerance: the schemes.
+        grids: what is written to the volume file.
+    """
+
+    domain: SmokeDomain
+    lattice: Lattice
+    passes: tuple[str, ...]
+    emitters: tuple[Emitter, ...]
+    colliders: tuple[Collider, ...]
+    advection: str
+    pressure_solver: str
+    pressure_tolerance: float
+    grids: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LightPlan:
+    """What one light does for one receiver.
+
+    Attributes:
+        surface_shadow: cube, directional or exact; None = nothing stands between them.
+        smoke: the domains whose smoke may stand between them, each with its method.
+        when: how often the light's radiance and surface shadow change.
+    """
+
+    light: Light
+    surface_shadow: str | None
+    smoke: tuple[tuple[DomainPlan, str], ...]
+    when: When
+
+
+@dataclass(frozen=True)
+class ReceiverPlan:
+    """What is baked for one surface, the lights that reach it, and how often the textures change."""
+
+    surface: Surface
+    bakes: tuple[str, ...]
+    lights: tuple[LightPlan, ...]
+    when: When
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is run for a scene.
+
+    Attributes:
+        passes: in the order in which they run.
+        left_out: what is not run.
+        domains, receivers: the same, as the executor reads it.
+        bytes: estimate of device memory by prim path [bytes].
+    """
+
+    scene: Scene
+    passes: tuple[Pass, ...]
+    left_out: tuple[LeftOut, ...]
+    domains: tuple[DomainPlan, ...]
+    receivers: tuple[ReceiverPlan, ...]
+    bytes: dict[str, int]
+
+    def __str__(self) -> str:
+        runs = [f"  {each}" for each in self.passes] or ["  nothing"]
+        rests = [f"  {each}" for each in self.left_out]
+        memory = f"Device memory, estimated: {sum(self.bytes.values()) / 2**20:.0f} MiB"
+        return "\n".join(["Runs, in this order:", *runs, "Left out:", *rests, memory])

@@ -1,0 +1,164 @@
+"""Which lights, shadows and bakes the receivers call for."""
+
+import numpy as np
+
+from warp_smoke.lattice import Lattice
+from warp_smoke.plan.passes import DomainPlan, Ledger, LightPlan, ReceiverPlan, When
+from warp_smoke.plan.reach import in_range, is_flat, is_moving, light_in_box, may_shadow, over, swept_corners
+from warp_smoke.record import Samples
+from warp_smoke.scene import DistantLight, Light, Scene, Surface
+
+
+def plan_receivers(ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...]) -> tuple[ReceiverPlan, ...]:
+    """Plans every bake, and the lights and shadows that it needs."""
+    candidates = [surface for surface in scene.surfaces if surface.receiver is not None]
+    if not candidates:
+        ledger.omit("bake", (), "no mesh has SmokeReceiverAPI, so no light, shadow or texture is computed")
+        return ()
+    lights = [light for light in scene.lights if _shines(ledger, scene, light)]
+    receivers = []
+    for surface in candidates:
+        if not np.any(over(surface.visible, scene.frames)):
+            ledger.omit("bake", (surface.path,), "it is invisible at every frame")
+        elif not surface.receiver.bake:
+            ledger.omit("bake", (surface.path,), "smoke:bake names no texture")
+        elif not lights and not any(scene.ambient):
+            ledger.omit("bake", (surface.path,), "no light shines on it")
+        else:
+            receivers.append(_Receiver(ledger, scene, surface, domains).plan(lights))
+    return tuple(receivers)
+
+
+def _shines(ledger: Ledger, scene: Scene, light: Light) -> bool:
+    if not np.any(over(light.enabled, scene.frames)):
+        ledger.omit("light", (light.path,), "it is off at every frame")
+    elif not light.shines:
+        ledger.omit("light", (light.path,), "its intensity or colour is 0 at every frame")
+    else:
+        return True
+    return False
+
+
+class _Receiver:
+    """The plan of one receiver."""
+
+    def __init__(self, ledger: Ledger, scene: Scene, surface: Surface, domains: tuple[DomainPlan, ...]):
+        self.ledger, self.scene, self.surface, self.domains = ledger, scene, surface, domains
+        self.corners = swept_corners(surface, scene.frames)
+
+    def plan(self, lights: list[Light]) -> ReceiverPlan:
+        """The bakes of the receiver and what each light does for it."""
+        path = self.surface.path
+        reaching = []
+        for light in lights:
+            if in_range(light, self.corners, self.scene.frames):
+                reaching.append(self._light(light))
+            else:
+                self.ledger.omit("shade_light", (path, light.path), f"{path} lies beyond its falloffEnd")
+        kept = []
+        for bake in self.surface.receiver.bake:
+            if bake == "visibility" and not any(each.surface_shadow for each in reaching):
+                self.ledger.omit("bake", (path, bake), "nothing casts a shadow on it")
+            elif bake == "smokeShadow" and not any(each.smoke for each in reaching):
+                self.ledger.omit("bake", (path, bake), "no smoke can shadow it")
+            else:
+                kept.append(bake)
+        changes = is_moving(self.surface) or any(each.smoke or each.when == When.FRAME for each in reaching)
+        when = When.FRAME if changes else When.ONCE
+        for bake in kept:
+            self.ledger.keep("bake", (path, bake), when, f"{bake} texture", f"smoke:bake asks for {bake}")
+        return ReceiverPlan(self.surface, tuple(kept), tuple(reaching), when)
+
+    def _light(self, light: Light) -> LightPlan:
+        pair = (self.surface.path, light.path)
+        bakes = set(self.surface.receiver.bake)
+        casters = self._casters(light) if bakes & {"lit", "visibility"} else []
+        casters_move = any(is_moving(caster) or isinstance(caster.visible, Samples) for caster in casters)
+        varies = any(isinstance(value, Samples) for value in (light.intensity, light.enabled))
+        # A highlight follows the camera.
+        still = [light, self.surface, *([self.scene.camera] if self.scene.camera else [])]
+        when = When.FRAME if varies or casters_move or is_moving(*still) else When.ONCE
+        method = self._surface_shadow(light, casters, casters_move, when) if casters else None
+        smoke = self._smoke(light) if bakes & {"lit", "smokeShadow"} else ()
+        if smoke:
+            why = f"smoke in {', '.join(each.domain.path for each, _ in smoke)} may stand between the light and it"
+            self.ledger.keep("smoke_transmittance", pair, When.FRAME, "share of light through smoke", why)
+        self.ledger.keep("shade_light", pair, when, "radiance", "the light shines on it")
+        return LightPlan(light, method, smoke, when)
+
+    def _surface_shadow(self, light: Light, casters: list[Surface], casters_move: bool, when: When) -> str:
+        path = self.surface.path
+        names = ", ".join(c.path for c in casters[:3]) + (f" and {len(casters) - 3} more" if len(casters) > 3 else "")
+        if light.shadow_filter == "exact":
+            method = "exact"
+        else:
+            method = "directional" if isinstance(light, DistantLight) else "cube"
+            traced = When.FRAME if casters_move or is_moving(light) else When.ONCE
+            why = f"{names} may shadow {path}"
+            self.ledger.keep("trace_shadow_map", (light.path,), traced, "depth map", why, method)
+        why = f"{names} may stand between the light and it"
+        self.ledger.keep("surface_visibility", (path, light.path), when, "share of light past surfaces", why, method)
+        return method
+
+    def _casters(self, light: Light) -> list[Surface]:
+        if not light.shadow_enable:
+            why = f"{light.path} has shadows switched off"
+        elif not self.surface.receiver.receive_shadow:
+            why = "smoke:receiveShadow is false"
+        else:
+            casters = [surface for surface in self.scene.surfaces if self._may_cast(surface, light)]
+            if casters:
+                return casters
+            why = "nothing stands between the light and it"
+        self.ledger.omit("surface_visibility", (self.surface.path, light.path), why)
+        return []
+
+    def _may_cast(self, caster: Surface, light: Light) -> bool:
+        frames = self.scene.frames
+        if not np.any(over(caster.visible, frames)) or (caster is self.surface and is_flat(caster)):
+            return False
+        return may_shadow(light, swept_corners(caster, frames), self.corners, frames)
+
+    def _smoke(self, light: Light) -> tuple[tuple[DomainPlan, str], ...]:
+        pair = (self.surface.path, light.path)
+        if not self.domains:
+            self.ledger.omit("smoke_transmittance", pair, "there is no smoke")
+            return ()
+        if not light.shadow_enable:
+            self.ledger.omit("smoke_transmittance", pair, f"{light.path} has shadows switched off")
+            return ()
+        if not self.surface.receiver.receive_smoke:
+            self.ledger.omit("smoke_transmittance", pair, "smoke:receiveSmoke is false")
+            return ()
+        found = []
+        for each in self.domains:
+            if not each.domain.extinction:
+                why = "extinction is 0, so its smoke casts no shadow"
+                self.ledger.omit("project_smoke", (each.domain.path, *pair), why)
+            elif not may_shadow(light, _box_corners(each.lattice), self.corners, self.scene.frames):
+                why = "its smoke never stands between the light and the surface"
+                self.ledger.omit("project_smoke", (each.domain.path, *pair), why)
+            else:
+                found.append((each, self._smoke_method(light, each)))
+        return tuple(found)
+
+    def _smoke_method(self, light: Light, each: DomainPlan) -> str:
+        pair = (light.path, each.domain.path)
+        method = light.smoke_shadow
+        if method != "ray_traced" and light_in_box(light, each.lattice, self.scene.frames):
+            why = "the light enters the domain, so no buffer behind the smoke can hold its shadow: rays are traced"
+            self.ledger.omit("project_smoke", pair, why)
+            return "ray_traced"
+        if method == "ray_traced":
+            self.ledger.omit("project_smoke", pair, "the light asks for ray_traced, which needs no buffer")
+        else:
+            why = f"smoke in {each.domain.path} casts a shadow"
+            self.ledger.keep("project_smoke", pair, When.FRAME, "light buffer", why, method)
+        return method
+
+
+def _box_corners(lattice: Lattice) -> np.ndarray:
+    """World corners of a lattice's box, [8, 3]."""
+    cells = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * lattice.shape
+    matrix = lattice.cells_to_world()
+    return cells @ matrix[:3, :3] + matrix[3, :3]
