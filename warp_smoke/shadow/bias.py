@@ -1,0 +1,60 @@
+"""Depth bias: how far behind a stored depth a point must lie to be in shadow.
+
+The stored depth belongs to the ray through a texel's centre, and the point lies beside that ray. On a plane whose
+normal is θ away from the light, at lateral distance e from the ray, the two depths differ by e tan θ. With e the half
+diagonal of a texel this is the least bias that is free of acne (`auto`).
+"""
+
+import numpy as np
+import warp as wp
+
+from warp_smoke.scene import Light
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Bias:
+    """Bias = max(constant, slope (1 − cos θ)) + what `spread` tan θ calls for (see `cube` and `directional`).
+
+    Attributes:
+        constant, slope: [stage units].
+        spread: half diagonal of a texel: tangent of its angle at a point light, [stage units] for a distant one.
+    """
+
+    constant: float
+    slope: float
+    spread: float
+
+
+def round_off(extent: float) -> float:
+    """What rounding to float32 does to depths, points and ray hits together, among coordinates up to `extent`."""
+    return 16 * float(np.finfo(np.float32).eps) * extent
+
+
+def light_bias(light: Light, spread: float, extent: float) -> Bias:
+    """A light's own bias where it has one, else the least that is free of acne.
+
+    Args:
+        light: its `shadow_bias` alone is a constant; with `shadow_slope_bias` it is the floor under the slope term.
+        spread: half diagonal of a texel, as in `Bias`.
+        extent: largest coordinate or distance that takes part [stage units].
+    """
+    bias = Bias()
+    if light.shadow_bias is None and light.shadow_slope_bias is None:
+        bias.constant, bias.slope, bias.spread = round_off(extent), 0.0, spread
+    else:
+        bias.constant, bias.slope, bias.spread = light.shadow_bias or 0.0, light.shadow_slope_bias or 0.0, 0.0
+    return bias
+
+
+@wp.func
+def fixed_bias(bias: Bias, cosine: float):
+    """max(constant, slope (1 − cos θ))."""
+    return wp.max(bias.constant, bias.slope * (1.0 - cosine))
+
+
+@wp.func
+def tangent(cosine: float):
+    """The tangent of θ from cos θ > 0, at most 1e6."""
+    return wp.sqrt(wp.max(1.0 - cosine * cosine, 0.0)) / wp.max(cosine, 1.0e-6)
