@@ -1,0 +1,322 @@
+"""Divergence and pressure gradient on the staggered grid (F. H. Harlow, J. E. Welch, 1965).
+
+Both are undivided. Divergence stands for d = Σ (u₊ − u₋) [m/s] and pressure for q = dt p / h [m/s], so neither h nor
+dt enters: the projection solves L q = d with L = divergence of gradient, then takes the gradient of q off the velocity.
+Velocity is (u, v, w) on faces, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1] [m/s]; d and q sit in cells,
+[nx, ny, nz]. An open side has p = 0 on its face, half a cell from the centre: weight 2 with q = 0 outside. A closed
+side lets nothing through: weight 0.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
+
+wp.set_module_options({"enable_backward": False})
+
+
+@cache
+def side_weights(sides: tuple[str, ...]) -> tuple[wp.vec3, wp.vec3]:
+    """Weights of q in the gradient on the outermost faces: lower and upper sides, 2 where open, 0 where closed."""
+    weights = [2.0 if side == "open" else 0.0 for side in sides]
+    return wp.vec3(*weights[0::2]), wp.vec3(*weights[1::2])
+
+
+@wp.func
+def face_weight(n: int, last: int, lower: float, upper: float):
+    """Weight of the gradient on face n of 0 … last along an axis."""
+    return wp.where(n == 0, lower, wp.where(n == last, upper, 1.0))
+
+
+@wp.kernel
+def _measure_divergence(
+    rows: Rows,
+    u: wp.array3d[float],
+    v: wp.array3d[float],
+    w: wp.array3d[float],
+    divergence_out: wp.array3d[float],
+):
+    """d_ijk = u_(i+1) − u_i + v_(j+1) − v_j + w_(k+1) − w_k."""
+    i, j, c = wp.tid()
+    i += rows.first
+    fu = dense(u)
+    fv = dense(v)
+    fw = dense(w)
+    d = dense_store(divergence_out)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, divergence_out.shape[2])
+    while k < end:
+        along_i = fu[i + 1, j, k] - fu[i, j, k]
+        along_j = fv[i, j + 1, k] - fv[i, j, k]
+        along_k = fw[i, j, k + 1] - fw[i, j, k]
+        d[i, j, k] = bits(along_i + along_j + along_k)
+        k += 1
+
+
+@wp.kernel
+def _measure_fluid_divergence(
+    rows: Rows,
+    u: wp.array3d[float],
+    v: wp.array3d[float],
+    w: wp.array3d[float],
+    fluid: wp.array3d[float],
+    divergence_out: wp.array3d[float],
+):
+    """d_ijk = fluid_ijk (u_(i+1) − u_i + v_(j+1) − v_j + w_(k+1) − w_k)."""
+    i, j, c = wp.tid()
+    i += rows.first
+    fu = dense(u)
+    fv = dense(v)
+    fw = dense(w)
+    f = dense(fluid)
+    d = dense_store(divergence_out)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, divergence_out.shape[2])
+    while k < end:
+        along_i = fu[i + 1, j, k] - fu[i, j, k]
+        along_j = fv[i, j + 1, k] - fv[i, j, k]
+        along_k = fw[i, j, k + 1] - fw[i, j, k]
+        d[i, j, k] = bits(f[i, j, k] * (along_i + along_j + along_k))
+        k += 1
+
+
+@wp.kernel
+def _subtract_gradient(
+    rows: Rows,
+    pressure: wp.array3d[float],
+    lower: wp.vec3,
+    upper: wp.vec3,
+    u_inout: wp.array3d[float],
+    v_inout: wp.array3d[float],
+    w_inout: wp.array3d[float],
+):
+    """u_i −= a (q_i − q_(i−1)); a = 1 inside, 2 (open) or 0 (closed) on a side, with q = 0 outside. v, w alike."""
+    i, j, c = wp.tid()
+    i += rows.first
+    nx = pressure.shape[0]
+    ny = pressure.shape[1]
+    nz = pressure.shape[2]
+    q = dense(pressure)
+    u = dense(u_inout)
+    v = dense(v_inout)
+    w = dense(w_inout)
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, nz)
+
+    if j < ny:
+        a = face_weight(i, nx, lower[0], upper[0])
+        here = wp.min(i, nx - 1)
+        before = wp.max(i - 1, 0)
+        a_here = wp.where(i < nx, a, 0.0)
+        a_before = wp.where(i > 0, a, 0.0)
+        k = start
+        while k < end:
+            u[i, j, k] = u[i, j, k] - (a_here * q[here, j, k] - a_before * q[before, j, k])
+            k += 1
+
+    if i < nx:
+        a = face_weight(j, ny, lower[1], upper[1])
+        here = wp.min(j, ny - 1)
+        before = wp.max(j - 1, 0)
+        a_here = wp.where(j < ny, a, 0.0)
+        a_before = wp.where(j > 0, a, 0.0)
+        k = start
+        while k < end:
+            v[i, j, k] = v[i, j, k] - (a_here * q[i, here, k] - a_before * q[i, before, k])
+            k += 1
+
+    if i < nx and j < ny:
+        if start == 0:
+            w[i, j, 0] = w[i, j, 0] - lower[2] * q[i, j, 0]
+        k = wp.max(start, 1)
+        while k < end:
+            w[i, j, k] = w[i, j, k] - (q[i, j, k] - q[i, j, k - 1])
+            k += 1
+        if start + rows.run > nz:
+            w[i, j, nz] = w[i, j, nz] + upper[2] * q[i, j, nz - 1]
+
+
+@wp.kernel
+def _subtract_weighted_gradient(
+    rows: Rows,
+    pressure: wp.array3d[float],
+    lower: wp.vec3,
+    upper: wp.vec3,
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    u_inout: wp.array3d[float],
+    v_inout: wp.array3d[float],
+    w_inout: wp.array3d[float],
+):
+    """u_i −= wx_i a (q_i − q_(i−1)), a as in `_subtract_gradient`, wx the open share of the face. v, w alike."""
+    i, j, c = wp.tid()
+    i += rows.first
+    nx = pressure.shape[0]
+    ny = pressure.shape[1]
+    nz = pressure.shape[2]
+    q = dense(pressure)
+    ox = dense(wx)
+    oy = dense(wy)
+    oz = dense(wz)
+    u = dense(u_inout)
+    v = dense(v_inout)
+    w = dense(w_inout)
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, nz)
+
+    if j < ny:
+        a = face_weight(i, nx, lower[0], upper[0])
+        here = wp.min(i, nx - 1)
+        before = wp.max(i - 1, 0)
+        a_here = wp.where(i < nx, a, 0.0)
+        a_before = wp.where(i > 0, a, 0.0)
+        k = start
+        while k < end:
+            u[i, j, k] = u[i, j, k] - ox[i, j, k] * (a_here * q[here, j, k] - a_before * q[before, j, k])
+            k += 1
+
+    if i < nx:
+        a = face_weight(j, ny, lower[1], upper[1])
+        here = wp.min(j, ny - 1)
+        before = wp.max(j - 1, 0)
+        a_here = wp.where(j < ny, a, 0.0)
+        a_before = wp.where(j > 0, a, 0.0)
+        k = start
+        while k < end:
+            v[i, j, k] = v[i, j, k] - oy[i, j, k] * (a_here * q[i, here, k] - a_before * q[i, before, k])
+            k += 1
+
+    if i < nx and j < ny:
+        if start == 0:
+            w[i, j, 0] = w[i, j, 0] - oz[i, j, 0] * lower[2] * q[i, j, 0]
+        k = wp.max(start, 1)
+        while k < end:
+            w[i, j, k] = w[i, j, k] - oz[i, j, k] * (q[i, j, k] - q[i, j, k - 1])
+            k += 1
+        if start + rows.run > nz:
+            w[i, j, nz] = w[i, j, nz] + oz[i, j, nz] * upper[2] * q[i, j, nz - 1]
+
+
+@wp.kernel
+def _close_sides(
+    rows: Rows,
+    lower: wp.vec3,
+    upper: wp.vec3,
+    u_inout: wp.array3d[float],
+    v_inout: wp.array3d[float],
+    w_inout: wp.array3d[float],
+):
+    """Sets u = 0 on closed sides of x (weight 0 in `lower` and `upper`), v = 0 on those of y, w = 0 on those of z."""
+    i, j, c = wp.tid()
+    i += rows.first
+    nx = v_inout.shape[0]
+    ny = u_inout.shape[1]
+    nz = u_inout.shape[2]
+    u = dense(u_inout)
+    v = dense(v_inout)
+    w = dense(w_inout)
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, nz)
+    if j < ny and face_weight(i, nx, lower[0], upper[0]) == 0.0:
+        k = start
+        while k < end:
+            u[i, j, k] = 0.0
+            k += 1
+    if i < nx and face_weight(j, ny, lower[1], upper[1]) == 0.0:
+        k = start
+        while k < end:
+            v[i, j, k] = 0.0
+            k += 1
+    if i < nx and j < ny:
+        if start == 0 and lower[2] == 0.0:
+            w[i, j, 0] = 0.0
+        if start + rows.run > nz and upper[2] == 0.0:
+            w[i, j, nz] = 0.0
+
+
+def corners(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+    """The launch that meets every face once: corner (i, j, k) stands for the faces on the lower sides of its cell."""
+    return shape[0] + 1, shape[1] + 1, shape[2] + 1
+
+
+def measure_divergence(launcher: Launcher, velocity: tuple[wp.array, wp.array, wp.array], divergence: wp.array) -> None:
+    """Divergence d = Σ (u₊ − u₋) of each cell.
+
+    Args:
+        launcher: where it runs.
+        velocity: u, v, w on faces [m/s].
+        divergence: [nx, ny, nz] [m/s], written.
+    """
+    launcher.launch(_measure_divergence, divergence.shape, *velocity, divergence)
+
+
+def measure_fluid_divergence(
+    launcher: Launcher, velocity: tuple[wp.array, wp.array, wp.array], solids, divergence: wp.array
+) -> None:
+    """Divergence of each cell of fluid; 0 in solid cells. Faces of solids must carry their velocity (`Solids.apply`).
+
+    Args:
+        launcher: where it runs.
+        velocity: u, v, w on faces [m/s].
+        solids: a `Solids`.
+        divergence: [nx, ny, nz] [m/s], written.
+    """
+    launcher.launch(_measure_fluid_divergence, divergence.shape, *velocity, solids.fluid, divergence)
+
+
+def subtract_gradient(
+    launcher: Launcher, pressure: wp.array, sides: tuple[str, ...], velocity: tuple[wp.array, wp.array, wp.array]
+) -> None:
+    """Takes the gradient of q off the velocity; faces on closed sides keep theirs.
+
+    Args:
+        launcher: where it runs.
+        pressure: q = dt p / h, [nx, ny, nz] [m/s].
+        sides: open or closed for each of -x +x -y +y -z +z.
+        velocity: u, v, w on faces [m/s], changed.
+    """
+    launcher.launch(_subtract_gradient, corners(pressure.shape), pressure, *side_weights(sides), *velocity)
+
+
+def subtract_fluid_gradient(
+    launcher: Launcher,
+    pressure: wp.array,
+    sides: tuple[str, ...],
+    solids,
+    velocity: tuple[wp.array, wp.array, wp.array],
+) -> None:
+    """Takes the gradient of q off the velocity, as far as each face is open; faces of solids keep theirs.
+
+    Args:
+        launcher: where it runs.
+        pressure: q = dt p / h, [nx, ny, nz] [m/s].
+        sides: open or closed for each of -x +x -y +y -z +z.
+        solids: a `Solids`.
+        velocity: u, v, w on faces [m/s], changed.
+    """
+    launcher.launch(
+        _subtract_weighted_gradient,
+        corners(pressure.shape),
+        pressure,
+        *side_weights(sides),
+        solids.wx,
+        solids.wy,
+        solids.wz,
+        *velocity,
+    )
+
+
+def close_sides(launcher: Launcher, sides: tuple[str, ...], velocity: tuple[wp.array, wp.array, wp.array]) -> None:
+    """Sets the velocity through closed sides to 0.
+
+    Args:
+        launcher: where it runs.
+        sides: open or closed for each of -x +x -y +y -z +z.
+        velocity: u, v, w on faces [m/s], changed.
+    """
+    if "closed" in sides:
+        u, v, w = velocity
+        shape = u.shape[0], v.shape[1], w.shape[2]
+        launcher.launch(_close_sides, shape, *side_weights(sides), u, v, w)
