@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+from PIL import Image
+
+from warp_smoke.files import replacing, write_png, write_text
+
+
+def test_a_finished_block_replaces_the_file(tmp_path):
+    """The new content takes the place of the old, and no other file stays."""
+    path = tmp_path / "a.txt"
+    write_text(path, "old\n")
+    write_text(path, "σ\n")
+    assert path.read_bytes() == "σ\n".encode()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_leaves_the_old_file_alone(tmp_path):
+    """An error halfway through writing leaves what was there before, and nothing else."""
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+    with pytest.raises(RuntimeError), replacing(path) as partial:
+        partial.write_text("half of the n")
+        raise RuntimeError
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("shape", [(7, 5), (7, 5, 3)])
+def test_a_picture_comes_back_as_it_was(tmp_path, shape):
+    """PNG is lossless, top row first, and equal pixels give equal bytes."""
+    pixels = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    for name in ("a.png", "b.png"):
+        write_png(tmp_path / name, pixels)
+    assert np.array_equal(np.asarray(Image.open(tmp_path / "a.png")), pixels)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+@pytest.mark.parametrize("pixels", [np.zeros((2, 2)), np.zeros((2, 2, 4), np.uint8), np.zeros(4, np.uint8)])
+def test_other_arrays_are_refused(tmp_path, pixels):
+    """Floats, RGBA and rows without columns are no pictures, and leave no file."""
+    with pytest.raises(ValueError, match="uint8"):
+        write_png(tmp_path / "a.png", pixels)
+    assert not list(tmp_path.iterdir())
