@@ -1,0 +1,297 @@
+"""Baking: the light that reaches each point of a receiver, per light, put together into pictures each frame.
+
+With B, l of light L at a point (`lighting.py`), V its visibility past surfaces and T the smoke's transmittance:
+
+- `lit` = emissive + ambient ⊗ m_d + Σ_L V T B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0), F. Luna's LitColor;
+- `visibility` = Σ_L w V / Σ_L w, the share of the light that surfaces let through, and
+- `smokeShadow` = Σ_L w V T / Σ_L w V, the share of the remaining light that smoke lets through, with the luminance
+  w = Y(B) max(l·n, 0) of the light that would arrive; 1 where none would. So visibility · smokeShadow is the share of
+  all light that arrives, whatever the material.
+"""
+
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from warp_smoke.launch import Launcher, Rows
+from warp_smoke.scene import Camera, Light, Material, Surface
+from warp_smoke.shading.blinn_phong import blinn_phong_exponent, reflect_blinn_phong, reflect_diffuse
+from warp_smoke.shading.lighting import LightSource, incident_light, light_source
+from warp_smoke.shading.texels import TexelMap
+from warp_smoke.shading.textures import diffuse_colors
+from warp_smoke.shading.vertices import VertexMap
+
+wp.set_module_options({"enable_backward": False})
+
+_LUMINANCE = wp.constant(wp.vec3(0.2126, 0.7152, 0.0722))  # of linear Rec. 709 RGB
+
+
+class Changes(NamedTuple):
+    """What an update changed: `moved` the points and normals, `relit` the light on them (before shadows)."""
+
+    moved: bool
+    relit: bool
+
+
+class ReceiverBake:
+    """The light on one receiver, and the pictures baked for it.
+
+    Whoever computes shadows writes them into `visibility` and `transmittance`; nothing is recomputed here while
+    light, receiver and camera stand still, apart from the pictures that are asked for.
+
+    Attributes:
+        map: the points that are baked, a `TexelMap`, or a `VertexMap` if the texture coordinates hold no picture.
+        visibility: by path of light, [n] float32, the share that surfaces let through; 1 until written.
+        transmittance: by path of light, [n] float32, the share that smoke lets through; 1 until written.
+        warnings: what could not be done as asked.
+    """
+
+    def __init__(
+        self,
+        launcher: Launcher,
+        surface: Surface,
+        lights: Sequence[Light],
+        origin: np.ndarray,
+        *,
+        ambient: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        camera: Camera | None = None,
+        shadowed: Collection[str] = (),
+        smoke_shadowed: Collection[str] = (),
+    ):
+        """Allocates what the receiver's bakes need; no light is computed before `update`.
+
+        Args:
+            launcher: where to compute.
+            surface: a surface with a receiver.
+            lights: those that can reach it.
+            origin: world position of set space's origin, [3] float64.
+            ambient: light from everywhere, linear RGB.
+            camera: whose view the highlights are seen from; None leaves them out.
+            shadowed: paths of the lights from which surfaces shadow it.
+            smoke_shadowed: paths of the lights from which smoke shadows it.
+
+        Raises:
+            FieldError: a texture cannot be read.
+        """
+        self._launcher, self._lights, self._origin, self._camera = launcher, tuple(lights), origin, camera
+        self._material = material = surface.material or Material()
+        self.map, warnings = map_surface(launcher, surface, origin)
+        count, bakes = self.map.count, surface.receiver.bake
+        self._sources, self._eye = [None] * len(self._lights), None
+
+        self._radiance = self._weights = None
+        if "lit" in bakes:
+            self._diffuse = launcher.array(diffuse_colors(material, self.map.uvs, count), "bake", dtype=wp.vec3)
+            self._radiance = launcher.zeros((len(self._lights), count), "bake", dtype=wp.vec3)
+            self._lit = launcher.zeros(count, "bake", dtype=wp.vec3)
+            if camera is None:
+                warnings += (f"{surface.path}: no camera to see highlights from; the bake has diffuse light only",)
+        if "visibility" in bakes or "smokeShadow" in bakes:
+            self._weights = launcher.zeros((len(self._lights), count), "bake")
+            self._shares = launcher.zeros(count, "bake")
+        self._ambient, self._emissive = wp.vec3(*ambient), wp.vec3(*material.emissive_color)
+        self._visibility, self._visibility_row, self.visibility = self._shares_by_light(shadowed)
+        self._transmittance, self._transmittance_row, self.transmittance = self._shares_by_light(smoke_shadowed)
+        self.warnings = warnings
+
+    def _shares_by_light(self, paths: Collection[str]) -> tuple[wp.array, wp.array, dict[str, wp.array]]:
+        """Ones for the lights named, [lights named, n], the row of each light there or −1, and the rows by path."""
+        named = [light.path for light in self._lights if light.path in paths]
+        shares = self._launcher.array(np.ones((len(named), self.map.count), np.float32), "bake")
+        row = [named.index(light.path) if light.path in named else -1 for light in self._lights]
+        rows = {path: shares[k] for k, path in enumerate(named)}
+        return shares, self._launcher.array(np.array(row, np.int32), "bake"), rows
+
+    def update(self, time: float) -> Changes:
+        """Brings points, normals and unshadowed light to a time code; computes only what changed."""
+        moved = self.map.update(time)
+        eye = None if self._camera is None else self._camera.transform_at(time)[3, :3] - self._origin
+        looked = self._radiance is not None and not np.array_equal(eye, self._eye)
+        self._eye = eye
+        relit = False
+        for index, light in enumerate(self._lights):
+            source, before = light_source(light, self._origin, time), self._sources[index]
+            if before is None or source.numpy_value() != before.numpy_value():
+                self._sources[index], changed = source, True
+            else:
+                changed = moved
+            if changed and self._weights is not None:
+                args = (self._sources[index], self.map.points, self.map.normals, self._weights[index])
+                self._launcher.launch_each(_weigh_light, self.map.count, *args)
+            if (changed or looked) and self._radiance is not None:
+                self._shade_light(index)
+            relit |= changed or looked
+        return Changes(moved, relit)
+
+    def _shade_light(self, index: int) -> None:
+        place = (self._sources[index], self.map.points, self.map.normals, self._diffuse)
+        if self._eye is None:
+            self._launcher.launch_each(_shade_diffuse, self.map.count, *place, self._radiance[index])
+            return
+        r0, m = wp.vec3(*self._material.fresnel_r0), blinn_phong_exponent(self._material.roughness)
+        args = (*place, wp.vec3(*self._eye), r0, m, self._radiance[index])
+        self._launcher.launch_each(_shade_blinn_phong, self.map.count, *args)
+
+    def picture(self, bake: str) -> np.ndarray:
+        """One of the receiver's bakes as it now stands.
+
+        Args:
+            bake: lit, visibility or smokeShadow; one that the receiver asks for.
+
+        Returns:
+            From a `TexelMap` sRGB codes [h, w, 3] uint8 (lit) or raw shares [h, w] uint8, first row at the top; from a
+            `VertexMap` linear RGB [n, 3] or shares [n], float32.
+        """
+        surfaces = (self._visibility, self._visibility_row)
+        if bake == "lit":
+            args = (self._diffuse, self._ambient, self._emissive, self._radiance, *surfaces)
+            args += (self._transmittance, self._transmittance_row, self._lit)
+            self._launcher.launch_each(_add_lights, self.map.count, *args)
+            return self.map.color_picture(self._lit)
+        if bake == "visibility":
+            args = (self._weights, *surfaces, self._shares)
+            self._launcher.launch_each(_average_visibility, self.map.count, *args)
+        else:
+            args = (self._weights, *surfaces, self._transmittance, self._transmittance_row, self._shares)
+            self._launcher.launch_each(_average_transmittance, self.map.count, *args)
+        return self.map.share_picture(self._shares)
+
+
+def map_surface(launcher: Launcher, surface: Surface, origin: np.ndarray) -> tuple[TexelMap | VertexMap, tuple]:
+    """The texels of a receiver, or its points where its texture coordinates hold no picture, and warnings."""
+    uvs, path = surface.mesh.uvs, surface.path
+    instead = "colours at its points are baked instead of a texture"
+    if uvs is None:
+        return VertexMap(launcher, surface, origin), (f"{path}: no texture coordinates; {instead}",)
+    slack = 0.5 / surface.receiver.texture_size
+    if not np.all((uvs >= -slack) & (uvs <= 1.0 + slack)):
+        found = f"{uvs.min():g}…{uvs.max():g}"
+        warning = f"{path}: texture coordinates reach over {found} where a bake needs them within [0, 1]; {instead}"
+        return VertexMap(launcher, surface, origin), (warning,)
+    texels = TexelMap(launcher, surface, origin)
+    if texels.count == 0:
+        return VertexMap(launcher, surface, origin), (f"{path}: texture coordinates cover no area; {instead}",)
+    if texels.overlapping:
+        warning = f"{path}: texture coordinates overlap in {texels.overlapping} of {texels.count} texels"
+        return texels, (f"{warning}; these show only the first of the triangles there",)
+    return texels, ()
+
+
+@wp.kernel
+def _shade_diffuse(
+    rows: Rows,
+    light: LightSource,
+    points: wp.array[wp.vec3],
+    normals: wp.array[wp.vec3],
+    diffuse: wp.array[wp.vec3],
+    radiance_out: wp.array[wp.vec3],
+):
+    """radiance = B ⊗ m_d max(l·n, 0)."""
+    s = rows.first + wp.tid()
+    to_light, b = incident_light(light, points[s])
+    radiance_out[s] = reflect_diffuse(b, to_light, normals[s], diffuse[s])
+
+
+@wp.kernel
+def _shade_blinn_phong(
+    rows: Rows,
+    light: LightSource,
+    points: wp.array[wp.vec3],
+    normals: wp.array[wp.vec3],
+    diffuse: wp.array[wp.vec3],
+    eye: wp.vec3,
+    r0: wp.vec3,
+    m: float,
+    radiance_out: wp.array[wp.vec3],
+):
+    """radiance = B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0)."""
+    s = rows.first + wp.tid()
+    p = points[s]
+    to_light, b = incident_light(light, p)
+    radiance_out[s] = reflect_blinn_phong(b, to_light, wp.normalize(eye - p), normals[s], diffuse[s], r0, m)
+
+
+@wp.kernel
+def _weigh_light(
+    rows: Rows,
+    light: LightSource,
+    points: wp.array[wp.vec3],
+    normals: wp.array[wp.vec3],
+    weights_out: wp.array[float],
+):
+    """w = Y(B) max(l·n, 0)."""
+    s = rows.first + wp.tid()
+    to_light, b = incident_light(light, points[s])
+    weights_out[s] = wp.dot(b, _LUMINANCE) * wp.max(wp.dot(to_light, normals[s]), 0.0)
+
+
+@wp.func
+def share_at(shares: wp.array2d[float], row: int, s: int):
+    """The share of a light that is let through; all of it without a row."""
+    if row < 0:
+        return 1.0
+    return shares[row, s]
+
+
+@wp.kernel
+def _add_lights(
+    rows: Rows,
+    diffuse: wp.array[wp.vec3],
+    ambient: wp.vec3,
+    emissive: wp.vec3,
+    radiance: wp.array2d[wp.vec3],
+    visibility: wp.array2d[float],
+    visibility_row: wp.array[int],
+    transmittance: wp.array2d[float],
+    transmittance_row: wp.array[int],
+    lit_out: wp.array[wp.vec3],
+):
+    """lit = emissive + ambient ⊗ m_d + Σ V T radiance."""
+    s = rows.first + wp.tid()
+    lit = emissive + wp.cw_mul(ambient, diffuse[s])
+    for light in range(radiance.shape[0]):
+        v = share_at(visibility, visibility_row[light], s)
+        lit += v * share_at(transmittance, transmittance_row[light], s) * radiance[light, s]
+    lit_out[s] = lit
+
+
+@wp.kernel
+def _average_visibility(
+    rows: Rows,
+    weights: wp.array2d[float],
+    visibility: wp.array2d[float],
+    visibility_row: wp.array[int],
+    shares_out: wp.array[float],
+):
+    """share = Σ w V / Σ w, or 1."""
+    s = rows.first + wp.tid()
+    total = float(0.0)
+    passed = float(0.0)
+    for light in range(weights.shape[0]):
+        w = weights[light, s]
+        total += w
+        passed += w * share_at(visibility, visibility_row[light], s)
+    shares_out[s] = wp.where(total > 0.0, passed / total, 1.0)
+
+
+@wp.kernel
+def _average_transmittance(
+    rows: Rows,
+    weights: wp.array2d[float],
+    visibility: wp.array2d[float],
+    visibility_row: wp.array[int],
+    transmittance: wp.array2d[float],
+    transmittance_row: wp.array[int],
+    shares_out: wp.array[float],
+):
+    """share = Σ w V T / Σ w V, or 1."""
+    s = rows.first + wp.tid()
+    total = float(0.0)
+    passed = float(0.0)
+    for light in range(weights.shape[0]):
+        w = weights[light, s] * share_at(visibility, visibility_row[light], s)
+        total += w
+        passed += w * share_at(transmittance, transmittance_row[light], s)
+    shares_out[s] = wp.where(total > 0.0, passed / total, 1.0)

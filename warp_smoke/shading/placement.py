@@ -1,0 +1,35 @@
+"""Where a surface stands at a time: its points and corner normals in set space (world − origin)."""
+
+import numpy as np
+
+from warp_smoke.geometry import corner_normals, transform_normals, transform_points
+from warp_smoke.scene import Surface
+
+
+def place_points(surface: Surface, origin: np.ndarray, time: float) -> np.ndarray:
+    """Points in set space, [n, 3] float32."""
+    points = transform_points(surface.transform_at(time), surface.mesh.points_at(time))
+    return (points - origin).astype(np.float32)
+
+
+def place_normals(surface: Surface, time: float, smooth: bool = False) -> np.ndarray:
+    """Unit normals at each corner, [m, 3, 3] float32: the mesh's own, or flat, or `smooth`; zero without area."""
+    mesh = surface.mesh
+    normals = mesh.normals
+    if normals is None:
+        normals = corner_normals(mesh.points_at(time), mesh.triangles, smooth)
+    return transform_normals(surface.transform_at(time), normals).astype(np.float32)
+
+
+class Placement:
+    """Remembers where a surface stood, so that nothing is placed again while it stands still."""
+
+    def __init__(self, surface: Surface):
+        self._surface = surface
+        self._last = None
+
+    def changed(self, time: float) -> bool:
+        """Whether the surface stands elsewhere than at the last call; True at the first one."""
+        now = (self._surface.transform_at(time), self._surface.mesh.points_at(time))
+        before, self._last = self._last, now
+        return before is None or not all(map(np.array_equal, before, now))

@@ -1,0 +1,147 @@
+"""The texels of a receiver's texture as points on its surface, and pictures made of values at these points."""
+
+import numpy as np
+import warp as wp
+
+from warp_smoke.launch import Launcher, Rows
+from warp_smoke.scene import Surface
+from warp_smoke.shading.placement import Placement, place_normals, place_points
+from warp_smoke.shading.srgb import SrgbTable, encode_srgb, make_srgb_table
+from warp_smoke.shading.uv_raster import cover_texels
+
+wp.set_module_options({"enable_backward": False})
+
+DILATION = 4  # texels that a chart grows, so that filtered lookups at its border do not see the background
+
+
+class TexelMap:
+    """The texels that show a surface with texture coordinates.
+
+    A texel belongs to the triangle under its centre; one whose square only touches a chart stands for the chart's
+    nearest point. Pictures have their first row at the top (v = 1).
+
+    Attributes:
+        count: number of texels n.
+        size: texels along a side of the picture.
+        points: in set space, [n] vec3.
+        normals: unit surface normals, [n] vec3.
+        uvs: texture coordinates, [n, 2] float32 on the host.
+        overlapping: texels that several triangles share; they show the first.
+    """
+
+    def __init__(self, launcher: Launcher, surface: Surface, origin: np.ndarray):
+        mesh = surface.mesh
+        self._launcher, self._surface, self._origin = launcher, surface, origin
+        self._placement = Placement(surface)
+        self.size = surface.receiver.texture_size
+        coverage = cover_texels(mesh.uvs, self.size)
+        self.count, self.overlapping = len(coverage.texel), coverage.overlapping
+        weights = coverage.weights.astype(np.float32)
+        a, b, c = mesh.uvs[coverage.triangle].transpose(1, 0, 2)
+        self.uvs = a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a)
+
+        self._triangle = launcher.array(coverage.triangle.astype(np.int32), "bake")
+        self._weights = launcher.array(weights, "bake", dtype=wp.vec2)
+        self._corners = launcher.array(mesh.triangles.astype(np.int32), "bake", dtype=wp.vec3i)
+        self._mesh_points = launcher.zeros(len(mesh.points_at(0.0)), "bake", dtype=wp.vec3)
+        self._corner_normals = launcher.zeros((len(mesh.triangles), 3), "bake", dtype=wp.vec3)
+        self.points = launcher.zeros(self.count, "bake", dtype=wp.vec3)
+        self.normals = launcher.zeros(self.count, "bake", dtype=wp.vec3)
+        self._source = launcher.array(spread_texels(coverage.texel, self.size), "bake")
+        self._srgb = make_srgb_table(launcher)
+        self._color_codes = launcher.zeros((self.size**2, 3), "bake", dtype=wp.uint8)
+        self._share_codes = launcher.zeros(self.size**2, "bake", dtype=wp.uint8)
+
+    def update(self, time: float) -> bool:
+        """Moves points and normals to a time code; returns whether they moved."""
+        if not self._placement.changed(time):
+            return False
+        self._mesh_points.assign(place_points(self._surface, self._origin, time))
+        self._corner_normals.assign(place_normals(self._surface, time))
+        place = (self._triangle, self._weights, self._corners, self._mesh_points, self._corner_normals)
+        self._launcher.launch_each(_place_texels, self.count, *place, self.points, self.normals)
+        return True
+
+    def color_picture(self, colors: wp.array) -> np.ndarray:
+        """Linear RGB of each texel, [n] vec3, as an sRGB picture, [size, size, 3] uint8; black where no surface is."""
+        args = (self._source, colors, self._srgb, self._color_codes)
+        self._launcher.launch_each(_encode_colors, self.size**2, *args)
+        return self._color_codes.numpy().reshape(self.size, self.size, 3).copy()
+
+    def share_picture(self, shares: wp.array) -> np.ndarray:
+        """Shares 0…1 of each texel, [n] float, as a raw picture, [size, size] uint8; 0 where no surface is."""
+        args = (self._source, shares, self._share_codes)
+        self._launcher.launch_each(_encode_shares, self.size**2, *args)
+        return self._share_codes.numpy().reshape(self.size, self.size).copy()
+
+
+def spread_texels(texel: np.ndarray, size: int) -> np.ndarray:
+    """Which of the texels each place of a picture shows, [size²] int32: −1 where none is within `DILATION` places.
+
+    Args:
+        texel: row · size + column of each texel, [n].
+        size: texels along a side.
+    """
+    source = np.full((size + 2, size + 2), -1, np.int32)  # with a frame, which stays empty
+    inner = source[1:-1, 1:-1]
+    inner.flat[texel] = np.arange(len(texel), dtype=np.int32)
+    for _ in range(DILATION):
+        before = source.copy()
+        # Side by side first, so that a place takes the nearer neighbour.
+        for row, column in ((0, 1), (1, 0), (1, 2), (2, 1), (0, 0), (0, 2), (2, 0), (2, 2)):
+            empty = inner < 0
+            if not empty.any():
+                return inner.ravel()
+            inner[empty] = before[row : row + size, column : column + size][empty]
+    return inner.ravel()
+
+
+@wp.kernel
+def _place_texels(
+    rows: Rows,
+    triangle: wp.array[int],
+    weights: wp.array[wp.vec2],
+    corners: wp.array[wp.vec3i],
+    mesh_points: wp.array[wp.vec3],
+    corner_normals: wp.array2d[wp.vec3],
+    points_out: wp.array[wp.vec3],
+    normals_out: wp.array[wp.vec3],
+):
+    """p = p₀ + w₁ (p₁ − p₀) + w₂ (p₂ − p₀), exact where the three agree; normals alike, then unit."""
+    s = rows.first + wp.tid()
+    t = triangle[s]
+    w = weights[s]
+    c = corners[t]
+    p = mesh_points[c[0]]
+    n = corner_normals[t, 0]
+    points_out[s] = p + w[0] * (mesh_points[c[1]] - p) + w[1] * (mesh_points[c[2]] - p)
+    normals_out[s] = wp.normalize(n + w[0] * (corner_normals[t, 1] - n) + w[1] * (corner_normals[t, 2] - n))
+
+
+@wp.kernel
+def _encode_colors(
+    rows: Rows,
+    source: wp.array[int],
+    colors: wp.array[wp.vec3],
+    srgb: SrgbTable,
+    codes_out: wp.array2d[wp.uint8],
+):
+    """codes[p] = sRGB(colors[source[p]]), or 0 without a source."""
+    p = rows.first + wp.tid()
+    s = source[p]
+    color = wp.vec3(0.0)
+    if s >= 0:
+        color = colors[s]
+    for channel in range(3):
+        codes_out[p, channel] = wp.uint8(encode_srgb(srgb, color[channel]))
+
+
+@wp.kernel
+def _encode_shares(rows: Rows, source: wp.array[int], shares: wp.array[float], codes_out: wp.array[wp.uint8]):
+    """codes[p] = round(255 shares[source[p]]), or 0 without a source."""
+    p = rows.first + wp.tid()
+    s = source[p]
+    share = float(0.0)
+    if s >= 0 and shares[s] > 0.0:  # not so for NaN
+        share = wp.min(shares[s], 1.0)
+    codes_out[p] = wp.uint8(int(255.0 * share + 0.5))
