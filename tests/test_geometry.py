@@ -93,6 +93,14 @@ def test_normals_take_the_inverse_transpose():
         assert winding_flips(matrix) == (x < 0)
 
 
+def test_normals_of_what_is_flattened():
+    """Squashed into a plane, a solid has the plane's normals; squashed into a point it has none, and nothing fails."""
+    normals = np.array([[0.0, 1.0, 0.0], [0.6, 0.0, 0.8], [0.0, -0.6, 0.8]])
+    flat = transform_normals(np.diag([2.0, 0.0, 1.0, 1.0]), normals)
+    np.testing.assert_allclose(flat, [[0, 1, 0], [0, 0, 0], [0, -1, 0]], atol=1e-12)
+    np.testing.assert_array_equal(transform_normals(np.diag([0.0, 0.0, 0.0, 1.0]), normals), 0.0)
+
+
 def test_bad_meshes_are_refused():
     """Indices out of range, NaN and wrong shapes name the field, the value and what is allowed."""
     points, triangles = np.zeros((3, 3)), [[0, 1, 2]]

@@ -205,10 +205,12 @@ def transform_points(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
 def transform_normals(matrix: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Unit normals [..., 3] through the inverse transpose of a 4 × 4 row-vector matrix, in float64.
 
-    A mirroring matrix keeps normals on the outside; see `winding_flips` for the triangles' order.
+    A mirroring matrix keeps normals on the outside; see `winding_flips` for the triangles' order. A matrix that
+    flattens has no inverse, but its cofactors (the inverse transpose times the determinant) give the plane's normal.
     """
-    linear = np.asarray(matrix, np.float64)[:3, :3]
-    return normalized(np.asarray(normals, np.float64) @ np.linalg.inv(linear).T)
+    x, y, z = np.asarray(matrix, np.float64)[:3, :3]
+    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)])
+    return normalized(np.asarray(normals, np.float64) @ (-cofactors if winding_flips(matrix) else cofactors))
 
 
 def winding_flips(matrix: np.ndarray) -> bool:

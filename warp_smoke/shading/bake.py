@@ -1,6 +1,6 @@
 """Baking: the light that reaches each point of a receiver, per light, put together into pictures each frame.
 
-With B, l of light L at a point (`lighting.py`), V its visibility past surfaces and T the smoke's transmittance:
+With B, l of light L at a point (`light_source.py`), V its visibility past surfaces and T the smoke's transmittance:
 
 - `lit` = emissive + ambient ⊗ m_d + Σ_L V T B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0), F. Luna's LitColor;
 - `visibility` = Σ_L w V / Σ_L w, the share of the light that surfaces let through, and
@@ -18,7 +18,7 @@ import warp as wp
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.scene import Camera, Light, Material, Surface
 from warp_smoke.shading.blinn_phong import blinn_phong_exponent, reflect_blinn_phong, reflect_diffuse
-from warp_smoke.shading.lighting import LightSource, incident_light, light_source
+from warp_smoke.shading.light_source import LightSource, incident_light, light_source
 from warp_smoke.shading.texels import TexelMap
 from warp_smoke.shading.textures import diffuse_colors
 from warp_smoke.shading.vertices import VertexMap
@@ -55,6 +55,7 @@ class ReceiverBake:
         lights: Sequence[Light],
         origin: np.ndarray,
         *,
+        bakes: Collection[str],
         ambient: tuple[float, float, float] = (0.0, 0.0, 0.0),
         camera: Camera | None = None,
         shadowed: Collection[str] = (),
@@ -64,9 +65,10 @@ class ReceiverBake:
 
         Args:
             launcher: where to compute.
-            surface: a surface with a receiver.
+            surface: a surface with a receiver, which gives the texture's size.
             lights: those that can reach it.
             origin: world position of set space's origin, [3] float64.
+            bakes: pictures that will be asked for: lit, visibility, smokeShadow.
             ambient: light from everywhere, linear RGB.
             camera: whose view the highlights are seen from; None leaves them out.
             shadowed: paths of the lights from which surfaces shadow it.
@@ -78,7 +80,7 @@ class ReceiverBake:
         self._launcher, self._lights, self._origin, self._camera = launcher, tuple(lights), origin, camera
         self._material = material = surface.material or Material()
         self.map, warnings = map_surface(launcher, surface, origin)
-        count, bakes = self.map.count, surface.receiver.bake
+        count = self.map.count
         self._sources, self._eye = [None] * len(self._lights), None
 
         self._radiance = self._weights = None
@@ -88,6 +90,8 @@ class ReceiverBake:
             self._lit = launcher.zeros(count, "bake", dtype=wp.vec3)
             if camera is None:
                 warnings += (f"{surface.path}: no camera to see highlights from; the bake has diffuse light only",)
+            if material.diffuse_texture is not None and self.map.uvs is None:
+                warnings += (f"{surface.path}: the texture of {material.path} has no coordinates; its colour is used",)
         if "visibility" in bakes or "smokeShadow" in bakes:
             self._weights = launcher.zeros((len(self._lights), count), "bake")
             self._shares = launcher.zeros(count, "bake")
@@ -138,7 +142,7 @@ class ReceiverBake:
         """One of the receiver's bakes as it now stands.
 
         Args:
-            bake: lit, visibility or smokeShadow; one that the receiver asks for.
+            bake: one of `bakes`.
 
         Returns:
             From a `TexelMap` sRGB codes [h, w, 3] uint8 (lit) or raw shares [h, w] uint8, first row at the top; from a
@@ -188,7 +192,7 @@ def _shade_diffuse(
     diffuse: wp.array[wp.vec3],
     radiance_out: wp.array[wp.vec3],
 ):
-    """radiance = B ⊗ m_d max(l·n, 0)."""
+    """radiance[s] = B ⊗ m_d max(l·n, 0)."""
     s = rows.first + wp.tid()
     to_light, b = incident_light(light, points[s])
     radiance_out[s] = reflect_diffuse(b, to_light, normals[s], diffuse[s])
@@ -206,7 +210,7 @@ def _shade_blinn_phong(
     m: float,
     radiance_out: wp.array[wp.vec3],
 ):
-    """radiance = B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0)."""
+    """radiance[s] = B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0)."""
     s = rows.first + wp.tid()
     p = points[s]
     to_light, b = incident_light(light, p)
@@ -221,7 +225,7 @@ def _weigh_light(
     normals: wp.array[wp.vec3],
     weights_out: wp.array[float],
 ):
-    """w = Y(B) max(l·n, 0)."""
+    """weights[s] = Y(B) max(l·n, 0)."""
     s = rows.first + wp.tid()
     to_light, b = incident_light(light, points[s])
     weights_out[s] = wp.dot(b, _LUMINANCE) * wp.max(wp.dot(to_light, normals[s]), 0.0)
@@ -248,7 +252,7 @@ def _add_lights(
     transmittance_row: wp.array[int],
     lit_out: wp.array[wp.vec3],
 ):
-    """lit = emissive + ambient ⊗ m_d + Σ V T radiance."""
+    """lit[s] = emissive + ambient ⊗ m_d + Σ V T radiance."""
     s = rows.first + wp.tid()
     lit = emissive + wp.cw_mul(ambient, diffuse[s])
     for light in range(radiance.shape[0]):
@@ -265,10 +269,10 @@ def _average_visibility(
     visibility_row: wp.array[int],
     shares_out: wp.array[float],
 ):
-    """share = Σ w V / Σ w, or 1."""
+    """shares[s] = Σ w V / Σ w, or 1."""
     s = rows.first + wp.tid()
-    total = float(0.0)
-    passed = float(0.0)
+    total = wp.float32(0.0)  # a literal could not change in the loop
+    passed = wp.float32(0.0)
     for light in range(weights.shape[0]):
         w = weights[light, s]
         total += w
@@ -286,10 +290,10 @@ def _average_transmittance(
     transmittance_row: wp.array[int],
     shares_out: wp.array[float],
 ):
-    """share = Σ w V T / Σ w V, or 1."""
+    """shares[s] = Σ w V T / Σ w V, or 1."""
     s = rows.first + wp.tid()
-    total = float(0.0)
-    passed = float(0.0)
+    total = wp.float32(0.0)  # a literal could not change in the loop
+    passed = wp.float32(0.0)
     for light in range(weights.shape[0]):
         w = weights[light, s] * share_at(visibility, visibility_row[light], s)
         total += w

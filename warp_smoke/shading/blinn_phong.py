@@ -10,7 +10,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 def blinn_phong_exponent(roughness: float) -> float:
-    """m = 256 · shininess, shininess = 1 − roughness."""
+    """The exponent m = 256 · shininess, shininess = 1 − roughness."""
     return 256.0 * (1.0 - roughness)
 
 

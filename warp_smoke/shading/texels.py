@@ -107,7 +107,7 @@ def _place_texels(
     points_out: wp.array[wp.vec3],
     normals_out: wp.array[wp.vec3],
 ):
-    """p = p₀ + w₁ (p₁ − p₀) + w₂ (p₂ − p₀), exact where the three agree; normals alike, then unit."""
+    """points[s] = p₀ + w₁ (p₁ − p₀) + w₂ (p₂ − p₀), exact where the three agree; normals alike, then unit."""
     s = rows.first + wp.tid()
     t = triangle[s]
     w = weights[s]
@@ -141,7 +141,7 @@ def _encode_shares(rows: Rows, source: wp.array[int], shares: wp.array[float], c
     """codes[p] = round(255 shares[source[p]]), or 0 without a source."""
     p = rows.first + wp.tid()
     s = source[p]
-    share = float(0.0)
+    share = 0.0
     if s >= 0 and shares[s] > 0.0:  # not so for NaN
         share = wp.min(shares[s], 1.0)
     codes_out[p] = wp.uint8(int(255.0 * share + 0.5))

@@ -3,9 +3,9 @@
 `B` is the irradiance of a surface that faces the light, divided by π, linear RGB, so that B ⊗ m_d is the radiance that
 a matte surface of albedo m_d reflects. With intensity I (exposure and colour temperature are already in it):
 
-- Sphere of radius r, centre at distance d. UsdLux gives it the radiance I, or with `normalize` I/(4π r²), I over its
-  area. A small sphere's irradiance is radiance · π r²/d², so B = I r²/d², or with `normalize` B = I/(4π d²). A point
-  (r = 0) has no area to multiply by: its intensity always counts as normalized.
+- Sphere of radius r (in the world), centre at distance d. UsdLux gives it the radiance I, or with `normalize`
+  I/(4π r²), I over its area. A sphere's irradiance is radiance · π r²/d², so B = I r²/d², or with `normalize`
+  B = I/(4π d²). A point (r = 0) has no area to multiply by: its intensity always counts as normalized.
 - Distant light that fills a cone of half angle α = angle/2. Its irradiance is radiance · π sin²α, so B = I sin²α;
   `normalize` divides the radiance by π sin²α, so that I is the irradiance and B = I/π. A light without width
   (angle = 0) always counts as normalized, and one wider than a hemisphere as a hemisphere.
@@ -100,9 +100,11 @@ def _strength(light: Light, time: float) -> float:
         if light.normalize or light.angle == 0.0:
             return intensity / math.pi
         return intensity * math.sin(math.radians(min(light.angle / 2.0, 90.0))) ** 2
-    if light.normalize or light.radius == 0.0:
+    scale = abs(np.linalg.det(light.transform_at(time)[:3, :3])) ** (1.0 / 3.0)
+    radius = light.radius * scale
+    if light.normalize or radius == 0.0:
         return intensity / (4.0 * math.pi)
-    return intensity * light.radius**2
+    return intensity * radius**2
 
 
 @wp.func
