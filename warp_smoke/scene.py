@@ -488,10 +488,11 @@ class Scene(Record):
         for name in ("domains", "emitters", "colliders", "surfaces", "lights"):
             records = tuple(getattr(self, name))
             self._store(name, records)
-            paths = [record.path for record in records]
-            for path in paths:
-                if paths.count(path) > 1:
-                    raise FieldError(path, "path", path, f"unique among the scene's {name}")
+            paths = set()
+            for record in records:
+                if record.path in paths:
+                    raise FieldError(record.path, "path", record.path, f"unique among the scene's {name}")
+                paths.add(record.path)
         self._store("ambient", at_least("scene", "ambient", self.ambient, shape=(3,)))
         self._store("start", whole("scene", "start", self.start, -(10**9), 10**9))
         self._store("end", whole("scene", "end", self.end, self.start, 10**9))
@@ -515,3 +516,9 @@ class Scene(Record):
         from warp_smoke.usd.read import read_scene
 
         return read_scene(path)
+
+    def save(self, path: str | Path) -> None:
+        """Writes the scene to a USD file; see `warp_smoke.usd.author`."""
+        from warp_smoke.usd.author import author_scene
+
+        author_scene(self, path)

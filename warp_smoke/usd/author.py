@@ -1,0 +1,278 @@
+"""Scene → USD stage, for scenes built in Python: what is authored reads back as an equal scene.
+
+Equal, that is, as far as USD can hold it: most numbers are stored in single precision; records of one kind come back
+in the order of the stage's tree; `Samples` that do not vary come back as plain values; surfaces that are never
+visible are no part of the set.
+"""
+
+import os
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade, UsdVol, Vt
+
+from warp_smoke.geometry import Mesh
+from warp_smoke.record import FieldError, Record, Samples, each_value
+from warp_smoke.scene import (
+    Camera,
+    Collider,
+    DistantLight,
+    Emitter,
+    Light,
+    Material,
+    Prim,
+    Scene,
+    SmokeDomain,
+    SpotLight,
+    Surface,
+    Texture,
+)
+from warp_smoke.usd.names import CAMERA, LIGHT, MATERIAL, TEXTURE, smoke_fields
+from warp_smoke.usd.prims import free_path
+from warp_smoke.usd.schema import register_schema, schema_attributes
+
+ROOT = "/World"
+
+
+def author_scene(scene: Scene, path: str | Path) -> None:
+    """Writes a scene to a USD file.
+
+    Args:
+        scene: what to write.
+        path: the file: .usd, .usda or .usdc.
+
+    Raises:
+        ValueError: the records cannot stand on one stage, since a path is not USD's, or is given to different
+            things, or lies inside another record's.
+    """
+    _check_paths(scene)
+    register_schema()
+    stage = Usd.Stage.CreateInMemory()
+    stage.SetStartTimeCode(scene.start)
+    stage.SetEndTimeCode(scene.end)
+    stage.SetTimeCodesPerSecond(scene.time_codes_per_second)
+    stage.SetFramesPerSecond(scene.time_codes_per_second)
+    UsdGeom.SetStageMetersPerUnit(stage, scene.meters_per_unit)
+    stage.SetMetadata(UsdGeom.Tokens.upAxis, scene.up_axis)
+
+    for domain in scene.domains:
+        _author_domain(stage, domain)
+    for emitter in scene.emitters:
+        _author_smoke_fields(_author_shape(stage, emitter), "SmokeEmitterAPI", emitter)
+    for collider in scene.colliders:
+        _author_smoke_fields(_author_shape(stage, collider), "SmokeColliderAPI", collider)
+    for path_of_guide in {r.path for r in (*scene.emitters, *scene.colliders)} - {s.path for s in scene.surfaces}:
+        UsdGeom.Imageable(stage.GetPrimAtPath(path_of_guide)).CreatePurposeAttr(UsdGeom.Tokens.guide)
+    for material in _materials(scene):
+        _author_material(stage, material, Path(path).resolve().parent)
+    for surface in scene.surfaces:
+        _author_surface(stage, surface)
+    for light in scene.lights:
+        _author_light(stage, light)
+    if scene.camera is not None:
+        _author_camera(stage, scene.camera)
+
+    if not stage.GetPseudoRoot().GetChildren():
+        stage.DefinePrim(ROOT, "Xform")
+    for prim in stage.Traverse():
+        if not prim.HasAuthoredTypeName():
+            prim.SetTypeName("Xform")
+    root = stage.GetPseudoRoot().GetChildren()[0]
+    stage.SetDefaultPrim(root)
+    if any(scene.ambient):
+        dome = UsdLux.DomeLight.Define(stage, free_path(root if root.IsA("Xform") else root.GetParent(), "Ambient"))
+        dome.CreateColorAttr(scene.ambient)
+        dome.CreateIntensityAttr(1.0)
+    stage.GetRootLayer().Export(str(path))
+
+
+def _check_paths(scene: Scene) -> None:
+    """Raises FieldError unless each path is USD's, stands for one thing, and lies inside no other one."""
+    shapes: dict[str, Emitter | Collider | Surface] = {}
+    for record in (*scene.emitters, *scene.colliders, *scene.surfaces):
+        first = shapes.setdefault(record.path, record)
+        place, first_place = (Prim(path=record.path, transform=one.transform) for one in (record, first))
+        if record.mesh != first.mesh or place != first_place:
+            allowed = "one shape and place for all that it is"
+            raise FieldError(record.path, "mesh", "another one for each of its records", allowed)
+    paths = [*shapes, *(one.path for one in (*scene.domains, *scene.lights, *_materials(scene)))]
+    if scene.camera is not None:
+        paths.append(scene.camera.path)
+    taken = set()
+    for path in paths:
+        if not Sdf.Path.IsValidPathString(path) or not Sdf.Path(path).IsPrimPath():
+            raise FieldError(path, "path", path, "letters, digits and _ between slashes")
+        if path in taken:
+            raise FieldError(path, "path", path, "one kind of thing at a path")
+        taken.add(path)
+    for path in paths:
+        for outer in taken.intersection(map(str, Sdf.Path(path).GetPrefixes()[:-1])):
+            raise FieldError(path, "path", path, f"a path that is not inside {outer}")
+
+
+def _materials(scene: Scene) -> list[Material]:
+    """The different materials of the scene's surfaces."""
+    materials = []
+    for surface in scene.surfaces:
+        if surface.material is not None and surface.material not in materials:
+            materials.append(surface.material)
+    return materials
+
+
+def _set(attribute: Usd.Attribute, value: object) -> None:
+    """Sets a value, or all samples of one that changes in time."""
+    if isinstance(value, Samples):
+        for time, sample in zip(value.times.tolist(), value.values.tolist(), strict=True):
+            attribute.Set(tuple(sample) if isinstance(sample, list) else sample, time)
+    else:
+        attribute.Set(value)
+
+
+def _author_smoke_fields(prim: Usd.Prim, schema: str, record: Record) -> None:
+    """Applies a schema and sets what differs from the record's defaults."""
+    prim.AddAppliedSchema(schema)
+    definitions = schema_attributes()[schema]
+    defaults = {field.name: field.default for field in fields(record)}
+    for field, name in smoke_fields(type(record), definitions).items():
+        value = getattr(record, field)
+        if value != defaults[field]:
+            definition = definitions[name]
+            _set(prim.CreateAttribute(name, definition.value_type, False, definition.variability), value)
+
+
+def _author_transform(prim: Usd.Prim, record: Prim) -> None:
+    matrices = each_value(record.transform)
+    if np.array_equal(matrices, np.eye(4)[None]):
+        return
+    operation = UsdGeom.Xformable(prim).AddTransformOp()
+    if isinstance(record.transform, Samples):
+        for time, matrix in zip(record.transform.times.tolist(), matrices, strict=True):
+            operation.Set(Gf.Matrix4d(matrix), time)
+    else:
+        operation.Set(Gf.Matrix4d(matrices[0]))
+
+
+def _author_visibility(prim: Usd.Prim, visible: bool | Samples) -> None:
+    if visible is True:
+        return
+    attribute = UsdGeom.Imageable(prim).CreateVisibilityAttr()
+    tokens = (UsdGeom.Tokens.invisible, UsdGeom.Tokens.inherited)
+    if isinstance(visible, Samples):
+        for time, on in zip(visible.times.tolist(), visible.values.tolist(), strict=True):
+            attribute.Set(tokens[on], time)
+    else:
+        attribute.Set(tokens[visible])
+
+
+def _author_domain(stage: Usd.Stage, domain: SmokeDomain) -> None:
+    """A Cube where the domain is one around its origin, else a Volume with its extent."""
+    if set(domain.upper) == {domain.upper[0]} and set(domain.lower) == {-domain.upper[0]}:
+        cube = UsdGeom.Cube.Define(stage, domain.path)
+        cube.CreateSizeAttr(2.0 * domain.upper[0])
+        cube.CreateExtentAttr([domain.lower, domain.upper])
+        cube.CreatePurposeAttr(UsdGeom.Tokens.guide)
+    else:
+        UsdVol.Volume.Define(stage, domain.path).CreateExtentAttr([domain.lower, domain.upper])
+    prim = stage.GetPrimAtPath(domain.path)
+    _author_transform(prim, domain)
+    _author_smoke_fields(prim, "SmokeDomainAPI", domain)
+
+
+def _author_shape(stage: Usd.Stage, record: Emitter | Collider | Surface) -> Usd.Prim:
+    """The Mesh prim of a record, unless another record of the same path has made it."""
+    prim = stage.GetPrimAtPath(record.path)
+    if prim and prim.IsA(UsdGeom.Mesh):
+        return prim
+    mesh: Mesh = record.mesh
+    geom = UsdGeom.Mesh.Define(stage, record.path)
+    geom.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    geom.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(mesh.triangles), 3, np.int32)))
+    geom.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.triangles.ravel()))
+    times = mesh.points.times.tolist() if isinstance(mesh.points, Samples) else [Usd.TimeCode.Default()]
+    for time, points in zip(times, each_value(mesh.points), strict=True):
+        geom.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(points), time)
+        geom.CreateExtentAttr().Set([points.min(axis=0).tolist(), points.max(axis=0).tolist()], time)
+    if mesh.normals is not None:
+        geom.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(mesh.normals.reshape(-1, 3)))
+        geom.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
+    if mesh.uvs is not None:
+        uvs = UsdGeom.PrimvarsAPI(geom).CreatePrimvar(
+            "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.faceVarying
+        )
+        uvs.Set(Vt.Vec2fArray.FromNumpy(mesh.uvs.reshape(-1, 2)))
+    _author_transform(geom.GetPrim(), record)
+    return geom.GetPrim()
+
+
+def _author_surface(stage: Usd.Stage, surface: Surface) -> None:
+    prim = _author_shape(stage, surface)
+    _author_visibility(prim, surface.visible)
+    if surface.receiver is not None:
+        _author_smoke_fields(prim, "SmokeReceiverAPI", surface.receiver)
+    if surface.material is not None:
+        material = UsdShade.Material.Get(stage, surface.material.path)
+        UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)
+
+
+def _author_material(stage: Usd.Stage, material: Material, folder: Path) -> None:
+    """A `UsdPreviewSurface` in its specular workflow, which takes the reflectance as it is."""
+    prim = UsdShade.Material.Define(stage, material.path)
+    surface = UsdShade.Shader.Define(stage, f"{material.path}/Surface")
+    surface.CreateIdAttr("UsdPreviewSurface")
+    prim.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
+    surface.CreateInput("useSpecularWorkflow", Sdf.ValueTypeNames.Int).Set(1)
+    color, number = Sdf.ValueTypeNames.Color3f, Sdf.ValueTypeNames.Float
+    for field, kind in (("fresnel_r0", color), ("emissive_color", color), ("roughness", number)):
+        surface.CreateInput(MATERIAL[field].removeprefix("inputs:"), kind).Set(getattr(material, field))
+    diffuse = surface.CreateInput("diffuseColor", color)
+    diffuse.Set(material.diffuse_color)
+    if material.diffuse_texture is not None:
+        texture = _author_texture(stage, material, material.diffuse_texture, folder)
+        diffuse.ConnectToSource(texture.ConnectableAPI(), "rgb")
+
+
+def _author_texture(stage: Usd.Stage, material: Material, texture: Texture, folder: Path) -> UsdShade.Shader:
+    reader = UsdShade.Shader.Define(stage, f"{material.path}/TextureCoordinates")
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
+    shader = UsdShade.Shader.Define(stage, f"{material.path}/DiffuseTexture")
+    shader.CreateIdAttr("UsdUVTexture")
+    coordinates = shader.CreateInput("st", Sdf.ValueTypeNames.Float2)
+    coordinates.ConnectToSource(reader.ConnectableAPI(), "result")
+    file = Path(os.path.relpath(texture.file, folder)).as_posix()
+    values = {"file": Sdf.AssetPath(file if file.startswith("../") else f"./{file}")}
+    kinds = {"file": Sdf.ValueTypeNames.Asset, "scale": Sdf.ValueTypeNames.Float4, "bias": Sdf.ValueTypeNames.Float4}
+    for field, name in TEXTURE.items():
+        given = shader.CreateInput(name.removeprefix("inputs:"), kinds.get(field, Sdf.ValueTypeNames.Token))
+        given.Set(values.get(field, getattr(texture, field)))
+    shader.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
+    return shader
+
+
+def _author_light(stage: Usd.Stage, light: Light) -> None:
+    if isinstance(light, DistantLight):
+        prim = UsdLux.DistantLight.Define(stage, light.path).GetPrim()
+        names = ["color", "intensity", "normalize", "angle"]
+    else:
+        prim = UsdLux.SphereLight.Define(stage, light.path).GetPrim()
+        prim.GetAttribute("extent").Set([(-light.radius,) * 3, (light.radius,) * 3])
+        names = ["color", "intensity", "normalize", "radius"]
+    if isinstance(light, SpotLight):
+        UsdLux.ShapingAPI.Apply(prim)
+        names += ["cone_angle", "cone_softness", "focus"]
+    for name in names:
+        _set(prim.GetAttribute(LIGHT[name]), getattr(light, name))
+    if not light.shadow_enable:
+        UsdLux.ShadowAPI.Apply(prim).CreateShadowEnableAttr(False)
+    _author_visibility(prim, light.enabled)
+    _author_transform(prim, light)
+    _author_smoke_fields(prim, "SmokeLightAPI", light)
+
+
+def _author_camera(stage: Usd.Stage, camera: Camera) -> None:
+    prim = UsdGeom.Camera.Define(stage, camera.path).GetPrim()
+    for field, name in CAMERA.items():
+        prim.GetAttribute(name).Set(getattr(camera, field))
+    prim.GetAttribute("clippingRange").Set((camera.near, camera.far))
+    _author_transform(prim, camera)

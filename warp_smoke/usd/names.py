@@ -1,0 +1,65 @@
+"""Which USD attribute holds which field of a scene record; the reader and the author share these names."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+
+from warp_smoke.record import Record
+
+TRANSFORM = "xformOp:*"
+
+STAGE = {
+    "start": "startTimeCode",
+    "end": "endTimeCode",
+    "time_codes_per_second": "timeCodesPerSecond",
+    "meters_per_unit": "metersPerUnit",
+    "up_axis": "upAxis",
+}
+MESH = {"triangles": "faceVertexIndices", "uvs": "primvars:st"}
+LIGHT = {
+    "color": "inputs:color",
+    "intensity": "inputs:intensity",
+    "normalize": "inputs:normalize",
+    "enabled": "visibility",
+    "shadow_enable": "inputs:shadow:enable",
+    "transform": TRANSFORM,
+    "direction": TRANSFORM,
+    "radius": "inputs:radius",
+    "angle": "inputs:angle",
+    "cone_angle": "inputs:shaping:cone:angle",
+    "cone_softness": "inputs:shaping:cone:softness",
+    "focus": "inputs:shaping:focus",
+}
+MATERIAL = {
+    "diffuse_color": "inputs:diffuseColor",
+    "diffuse_texture": "inputs:diffuseColor",
+    "fresnel_r0": "inputs:specularColor",
+    "roughness": "inputs:roughness",
+    "emissive_color": "inputs:emissiveColor",
+}
+TEXTURE = {
+    "file": "inputs:file",
+    "wrap_s": "inputs:wrapS",
+    "wrap_t": "inputs:wrapT",
+    "color_space": "inputs:sourceColorSpace",
+    "scale": "inputs:scale",
+    "bias": "inputs:bias",
+}
+CAMERA = {
+    "focal_length": "focalLength",
+    "horizontal_aperture": "horizontalAperture",
+    "vertical_aperture": "verticalAperture",
+    "horizontal_offset": "horizontalApertureOffset",
+    "vertical_offset": "verticalApertureOffset",
+}
+
+
+def smoke_attribute(field: str) -> str:
+    """The attribute of a field: `time_scale` → `smoke:timeScale`."""
+    first, *rest = field.split("_")
+    return "smoke:" + first + "".join(word.capitalize() for word in rest)
+
+
+def smoke_fields(record: type[Record], attributes: Mapping[str, object]) -> dict[str, str]:
+    """Fields of a record type → attribute, for those among `attributes` that it has."""
+    names = {field.name: smoke_attribute(field.name) for field in fields(record)}
+    return {field: attribute for field, attribute in names.items() if attribute in attributes}

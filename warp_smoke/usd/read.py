@@ -1,0 +1,224 @@
+"""USD stage → Scene.
+
+What is read, and what is left as it is with a warning, stands with each kind of prim: `read_smoke`, `read_mesh`,
+`read_light`, `read_material`, `read_camera`.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pxr import Pcp, Tf, Usd, UsdGeom, UsdLux, UsdUtils
+
+from warp_smoke.record import each_value
+from warp_smoke.scene import Collider, Emitter, Light, Scene, SmokeDomain, Surface
+from warp_smoke.usd.names import STAGE, TRANSFORM
+from warp_smoke.usd.read_camera import read_camera
+from warp_smoke.usd.read_light import is_ambient, read_ambient, read_light
+from warp_smoke.usd.read_material import MaterialReader
+from warp_smoke.usd.read_mesh import has_geometry, read_geometry
+from warp_smoke.usd.read_smoke import read_collider, read_domain, read_emitter, read_receiver, stray_attributes
+from warp_smoke.usd.reader import StageReader, bad_input
+from warp_smoke.usd.schema import register_schema
+
+DEFAULT_FRAMES = 48
+MISSING = (Pcp.ErrorInvalidAssetPath, Pcp.ErrorInvalidSublayerPath, Pcp.ErrorUnresolvedPrimPath)
+PARTS_OF_THE_SET = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+
+
+def read_scene(path: str | Path) -> Scene:
+    """Reads a USD stage.
+
+    Args:
+        path: a .usd, .usda, .usdc or .usdz file.
+
+    Returns:
+        The scene; its `warnings` name what is not supported.
+
+    Raises:
+        ValueError: the file is missing or does not parse, something it refers to is missing, or a value is not
+            allowed: one line naming file, prim and attribute.
+    """
+    register_schema()
+    if not Path(path).is_file():
+        raise ValueError(f"{path}: no such file")
+    with _usd_messages_dropped():
+        try:
+            stage = Usd.Stage.Open(str(path))
+        except Tf.ErrorException as error:
+            raise ValueError(f"{path}: not a USD stage: {_one_line(error.args[0].commentary)}") from None
+        return replace(read_stage(stage, str(path)), source=Path(path).resolve())
+
+
+def read_stage(stage: Usd.Stage, file: str) -> Scene:
+    """Reads an open stage.
+
+    Args:
+        stage: the stage.
+        file: how errors name it.
+
+    Returns:
+        The scene; its `warnings` name what is not supported.
+
+    Raises:
+        ValueError: something the stage refers to is missing, or a value is not allowed: one line naming file, prim
+            and attribute.
+    """
+    for error in stage.GetCompositionErrors():
+        if isinstance(error, MISSING):
+            raise ValueError(f"{file}: {error.rootSite.path}: {_one_line(str(error))}")
+    if not stage.GetDefaultPrim():
+        raise bad_input(file, "/", "defaultPrim", "unset", "the name of a root prim")
+    settings = _read_settings(stage, file)
+    reader = StageReader(stage, file, settings.start)
+    contents = _Contents(reader)
+    for prim in _prims(stage):
+        contents.add(prim)
+
+    if contents.domains and not _has_times(stage):
+        reader.warn(stage.GetPseudoRoot(), f"no start and end time codes; {settings.start} to {settings.end} are used")
+    if stage.HasAuthoredMetadata("framesPerSecond") and stage.GetFramesPerSecond() != stage.GetTimeCodesPerSecond():
+        text = "framesPerSecond differs from timeCodesPerSecond, which is not supported; each time code is a frame"
+        reader.warn(stage.GetPseudoRoot(), text)
+    cameras = sorted(contents.cameras, key=lambda prim: not prim.GetPath().HasPrefix(stage.GetDefaultPrim().GetPath()))
+    return replace(
+        settings,
+        domains=contents.domains,
+        emitters=contents.emitters,
+        colliders=contents.colliders,
+        surfaces=contents.surfaces,
+        lights=contents.lights,
+        camera=read_camera(reader, cameras[0]) if cameras else None,
+        ambient=tuple(map(float, contents.ambient)),
+        warnings=reader.warnings,
+    )
+
+
+class _Contents:
+    """The records of a stage, as its prims are gone through."""
+
+    def __init__(self, reader: StageReader):
+        self._reader = reader
+        self._materials = MaterialReader(reader)
+        self.domains: list[SmokeDomain] = []
+        self.emitters: list[Emitter] = []
+        self.colliders: list[Collider] = []
+        self.surfaces: list[Surface] = []
+        self.lights: list[Light] = []
+        self.cameras: list[Usd.Prim] = []
+        self.ambient = np.zeros(3)
+
+    def add(self, prim: Usd.Prim) -> None:
+        """Adds what one prim stands for."""
+        reader = self._reader
+        applied = set(prim.GetPrimTypeInfo().GetAppliedAPISchemas())
+        for text in stray_attributes(prim, applied):
+            reader.warn(prim, text)
+        if "SmokeDomainAPI" in applied:
+            self.domains.append(read_domain(reader, prim))
+        elif has_geometry(prim):
+            self._add_geometry(prim, applied)
+        elif applied & {"SmokeEmitterAPI", "SmokeColliderAPI"}:
+            kind = f"{min(applied & {'SmokeEmitterAPI', 'SmokeColliderAPI'})} on {prim.GetTypeName() or 'no type'}"
+            allowed = "that schema on a Mesh, Sphere, Cube, Cylinder, Cone, Capsule or Plane"
+            raise reader.error(prim.GetPath(), "apiSchemas", kind, allowed)
+        elif is_ambient(prim):
+            self.ambient += read_ambient(reader, prim)
+        elif prim.HasAPI(UsdLux.LightAPI):
+            light = read_light(reader, prim)
+            if light:
+                self.lights.append(light)
+        elif prim.IsA(UsdGeom.Camera):
+            self.cameras.append(prim)
+        elif prim.GetTypeName() == "SkelRoot":
+            reader.warn(prim, "skinning is not supported; meshes keep their points")
+        elif prim.IsA(UsdGeom.Boundable) and prim.GetTypeName() != "Skeleton" and self._seen(prim):
+            reader.warn(prim, f"a {prim.GetTypeName()} is not supported; it is left out")
+
+    def _add_geometry(self, prim: Usd.Prim, applied: set[str]) -> None:
+        reader = self._reader
+        emits, collides, receives = (f"Smoke{role}API" in applied for role in ("Emitter", "Collider", "Receiver"))
+        seen = self._seen(prim)
+        if receives and not seen:
+            reader.warn(prim, "SmokeReceiverAPI has no effect, since the mesh is invisible or a guide or proxy")
+        if not (emits or collides or seen):
+            return
+        mesh = read_geometry(reader, prim)
+        if not len(mesh.triangles):
+            reader.warn(prim, "it has no faces; it is left out")
+            return
+        if emits:
+            self.emitters.append(read_emitter(reader, prim, mesh))
+        if collides:
+            self.colliders.append(read_collider(reader, prim, mesh))
+        if not seen:
+            return
+        if receives and not prim.IsA(UsdGeom.Mesh):
+            text = f"SmokeReceiverAPI on a {prim.GetTypeName()} has no effect: only a Mesh has texture coordinates"
+            reader.warn(prim, text)
+        if prim.HasAPI(UsdLux.LightAPI):
+            reader.warn(prim, "a mesh that is a light is not supported; it does not shine")
+        with reader.naming(prim.GetPath(), {"transform": TRANSFORM}):
+            self.surfaces.append(
+                Surface(
+                    path=str(prim.GetPath()),
+                    transform=reader.transform(prim),
+                    mesh=mesh,
+                    material=self._materials.bound_to(prim),
+                    visible=reader.visible(prim),
+                    receiver=read_receiver(reader, prim) if receives and prim.IsA(UsdGeom.Mesh) else None,
+                )
+            )
+
+    def _seen(self, prim: Usd.Prim) -> bool:
+        """Whether a prim is part of the set: ever visible, and not a guide or proxy."""
+        purpose = UsdGeom.Imageable(prim).ComputePurpose()
+        return purpose in PARTS_OF_THE_SET and bool(np.any(each_value(self._reader.visible(prim))))
+
+
+def _prims(stage: Usd.Stage) -> Iterator[Usd.Prim]:
+    """All prims, those of native instances too; what lies under a PointInstancer are its prototypes."""
+    prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()))
+    for prim in prims:
+        if prim.IsA(UsdGeom.PointInstancer):
+            prims.PruneChildren()
+        yield prim
+
+
+def _read_settings(stage: Usd.Stage, file: str) -> Scene:
+    """A scene of nothing but the stage's times, units and axis."""
+    start = _whole(stage.GetStartTimeCode()) if stage.HasAuthoredMetadata("startTimeCode") else 1
+    end = _whole(stage.GetEndTimeCode()) if stage.HasAuthoredMetadata("endTimeCode") else start + DEFAULT_FRAMES - 1
+    with StageReader(stage, file, start).naming("/", STAGE):
+        return Scene(
+            start=start,
+            end=end,
+            time_codes_per_second=stage.GetTimeCodesPerSecond(),
+            meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
+            up_axis=UsdGeom.GetStageUpAxis(stage),
+        )
+
+
+def _has_times(stage: Usd.Stage) -> bool:
+    return stage.HasAuthoredMetadata("startTimeCode") and stage.HasAuthoredMetadata("endTimeCode")
+
+
+def _whole(time: float) -> float | int:
+    """A time code as int if it is one; what it is otherwise, which Scene refuses."""
+    return int(time) if float(time).is_integer() else time
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+@contextmanager
+def _usd_messages_dropped() -> Iterator[None]:
+    """Keeps USD from printing: what matters is in the error raised."""
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        yield
+    finally:
+        del delegate

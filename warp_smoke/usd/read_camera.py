@@ -1,0 +1,22 @@
+"""Cameras: `UsdGeomCamera`."""
+
+from pxr import Usd, UsdGeom
+
+from warp_smoke.scene import Camera
+from warp_smoke.usd.names import CAMERA, TRANSFORM
+from warp_smoke.usd.reader import StageReader
+
+
+def read_camera(reader: StageReader, prim: Usd.Prim) -> Camera:
+    """A camera, its lens as at the start.
+
+    Raises:
+        ValueError: one line naming file, prim and attribute.
+    """
+    if prim.GetAttribute("projection").Get() == UsdGeom.Tokens.orthographic:
+        reader.warn(prim, "orthographic cameras are not supported; it is used as a perspective one")
+    names = CAMERA | {"near": "clippingRange", "far": "clippingRange", "transform": TRANSFORM}
+    with reader.naming(prim.GetPath(), names):
+        lens = {field: reader.still(prim.GetAttribute(attribute)) for field, attribute in CAMERA.items()}
+        near, far = reader.still(prim.GetAttribute("clippingRange"))
+        return Camera(path=str(prim.GetPath()), transform=reader.transform(prim), near=near, far=far, **lens)

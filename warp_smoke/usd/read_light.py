@@ -1,0 +1,161 @@
+"""Lights: `UsdLux` with `ShapingAPI`, `ShadowAPI` and `SmokeLightAPI`.
+
+Exposure and colour temperature are folded into intensity and colour. Rect, Disk and CylinderLights become spheres of
+the same area, so that they give off the same power.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from pxr import Usd, UsdGeom, UsdLux
+
+from warp_smoke.record import Samples, at_least
+from warp_smoke.scene import DistantLight, Light, PointLight, SpotLight
+from warp_smoke.usd.names import LIGHT
+from warp_smoke.usd.read_smoke import read_smoke_fields, smoke_names
+from warp_smoke.usd.reader import StageReader, value_of
+
+# Inputs that lights are read without, and the values at which they do nothing.
+WITHOUT_EFFECT = {
+    "inputs:diffuse": 1.0,
+    "inputs:specular": 1.0,
+    "inputs:texture:file": None,
+    "inputs:shaping:focusTint": (0.0, 0.0, 0.0),
+    "inputs:shaping:ies:file": None,
+    "inputs:shadow:color": (0.0, 0.0, 0.0),
+    "inputs:shadow:distance": -1.0,
+    "inputs:shadow:falloff": -1.0,
+}
+
+
+def is_ambient(prim: Usd.Prim) -> bool:
+    """Whether a prim is light from everywhere."""
+    return prim.IsA(UsdLux.DomeLight) or prim.IsA(UsdLux.DomeLight_1)
+
+
+def read_light(reader: StageReader, prim: Usd.Prim) -> Light | None:
+    """A light; None, with a warning, for kinds that are not supported.
+
+    Raises:
+        ValueError: one line naming file, prim and attribute.
+    """
+    if prim.GetTypeName() not in (*RADII, "DistantLight"):
+        reader.warn(prim, f"a light of type {prim.GetTypeName()} is not supported; it is left out")
+        return None
+    _warn_without_effect(reader, prim)
+    record = DistantLight
+    if prim.GetTypeName() in RADII:
+        record = SpotLight if prim.HasAPI(UsdLux.ShapingAPI) else PointLight
+    elif prim.HasAPI(UsdLux.ShapingAPI):
+        reader.warn(prim, "shaping of a distant light is not supported; it shines everywhere")
+
+    with reader.naming(prim.GetPath(), smoke_names("SmokeLightAPI", record) | LIGHT):
+        fields = {
+            "color": _read_color(reader, prim),
+            "intensity": _read_intensity(reader, prim),
+            "normalize": reader.still(prim.GetAttribute(LIGHT["normalize"])),
+            "enabled": reader.visible(prim),
+        }
+        shadow = prim.GetAttribute(LIGHT["shadow_enable"])
+        if shadow and shadow.HasAuthoredValue():
+            fields["shadow_enable"] = reader.still(shadow)
+        if record is DistantLight:
+            fields["angle"] = reader.still(prim.GetAttribute(LIGHT["angle"]))
+        else:
+            fields["radius"] = RADII[prim.GetTypeName()](reader, prim)
+        if record is SpotLight:
+            for name in ("cone_angle", "cone_softness", "focus"):
+                fields[name] = reader.still(prim.GetAttribute(LIGHT[name]))
+        if "SmokeLightAPI" in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
+            fields |= read_smoke_fields(reader, prim, "SmokeLightAPI", record)
+        return record(path=str(prim.GetPath()), transform=reader.transform(prim), **fields)
+
+
+def read_ambient(reader: StageReader, prim: Usd.Prim) -> np.ndarray:
+    """The ambient colour of a dome light, linear RGB; black if it is invisible at the start.
+
+    Raises:
+        ValueError: one line naming file, prim and attribute.
+    """
+    _warn_without_effect(reader, prim)
+    if UsdGeom.Imageable(prim).ComputeVisibility(reader.start) == UsdGeom.Tokens.invisible:
+        return np.zeros(3)
+    with reader.naming(prim.GetPath(), LIGHT):
+        path = str(prim.GetPath())
+        intensity = at_least(path, "intensity", _read_intensity(reader, prim))
+        if isinstance(intensity, Samples):
+            reader.warn(prim, "a dome light that changes in time is not supported; its first value is used")
+            intensity = float(intensity.at(reader.start))
+        return intensity * np.array(at_least(path, "color", _read_color(reader, prim), shape=(3,)))
+
+
+def _read_color(reader: StageReader, prim: Usd.Prim) -> tuple[float, ...]:
+    color = reader.still(prim.GetAttribute(LIGHT["color"]))
+    if not reader.still(prim.GetAttribute("inputs:enableColorTemperature")):
+        return color
+    kelvin = reader.still(prim.GetAttribute("inputs:colorTemperature"))
+    tint = UsdLux.BlackbodyTemperatureAsRgb(kelvin)
+    return tuple(a * b for a, b in zip(color, tint, strict=True))
+
+
+def _read_intensity(reader: StageReader, prim: Usd.Prim) -> float | Samples:
+    attributes = [prim.GetAttribute(name) for name in (LIGHT["intensity"], "inputs:exposure")]
+
+    def at(time: float) -> float:
+        intensity, exposure = (value_of(attribute, time) for attribute in attributes)
+        return intensity * 2.0**exposure
+
+    return reader.over_time(reader.sample_times(attributes), at)
+
+
+def _warn_without_effect(reader: StageReader, prim: Usd.Prim) -> None:
+    for name, value in WITHOUT_EFFECT.items():
+        attribute = prim.GetAttribute(name)
+        if attribute and attribute.HasAuthoredValue() and attribute.Get() != value:
+            reader.warn(prim, f"{name} is not supported; it has no effect")
+    light = UsdLux.LightAPI(prim)
+    if light.GetFiltersRel().GetTargets():
+        reader.warn(prim, "light:filters is not supported; it has no effect")
+    for name, collection in (
+        ("lightLink", light.GetLightLinkCollectionAPI()),
+        ("shadowLink", light.GetShadowLinkCollectionAPI()),
+    ):
+        if collection.GetIncludesRel().GetTargets() or collection.GetExcludesRel().GetTargets():
+            reader.warn(prim, f"collection:{name} is not supported; the light reaches everything")
+
+
+def _lengths(reader: StageReader, prim: Usd.Prim, *names: str) -> list[float]:
+    attributes = [prim.GetAttribute(f"inputs:{name}") for name in names]
+    return [at_least(str(prim.GetPath()), a.GetName(), reader.still(a)) for a in attributes]
+
+
+def _sphere_radius(reader: StageReader, prim: Usd.Prim) -> float:
+    return _lengths(reader, prim, "radius")[0]
+
+
+def _as_sphere(reader: StageReader, prim: Usd.Prim, area: float) -> float:
+    reader.warn(prim, f"a {prim.GetTypeName()} is used as a sphere of the same area")
+    return float(np.sqrt(area / (4.0 * np.pi)))
+
+
+def _rect_radius(reader: StageReader, prim: Usd.Prim) -> float:
+    width, height = _lengths(reader, prim, "width", "height")
+    return _as_sphere(reader, prim, width * height)
+
+
+def _disk_radius(reader: StageReader, prim: Usd.Prim) -> float:
+    (radius,) = _lengths(reader, prim, "radius")
+    return _as_sphere(reader, prim, np.pi * radius**2)
+
+
+def _cylinder_radius(reader: StageReader, prim: Usd.Prim) -> float:
+    radius, length = _lengths(reader, prim, "radius", "length")
+    return _as_sphere(reader, prim, 2.0 * np.pi * radius * length)
+
+
+RADII: dict[str, Callable[[StageReader, Usd.Prim], float]] = {
+    "SphereLight": _sphere_radius,
+    "RectLight": _rect_radius,
+    "DiskLight": _disk_radius,
+    "CylinderLight": _cylinder_radius,
+}

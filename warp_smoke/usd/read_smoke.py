@@ -1,0 +1,111 @@
+"""The prims that smoke schemas are applied to: domains, emitters, colliders, receivers."""
+
+import typing
+from collections.abc import Iterator
+
+from pxr import Usd, UsdGeom
+
+from warp_smoke.geometry import Mesh
+from warp_smoke.record import FieldError, Record, Samples, positive
+from warp_smoke.scene import Collider, Emitter, Receiver, SmokeDomain
+from warp_smoke.usd.names import TRANSFORM, smoke_fields
+from warp_smoke.usd.reader import StageReader, shortest_decimal, value_of
+from warp_smoke.usd.schema import schema_attributes
+
+
+def read_domain(reader: StageReader, prim: Usd.Prim) -> SmokeDomain:
+    """The domain that a box marks.
+
+    Raises:
+        ValueError: one line naming file, prim and attribute.
+    """
+    names = smoke_names("SmokeDomainAPI", SmokeDomain) | {"lower": "extent", "upper": "extent"}
+    with reader.naming(prim.GetPath(), names):
+        lower, upper = _read_box(reader, prim)
+        fields = read_smoke_fields(reader, prim, "SmokeDomainAPI", SmokeDomain)
+        return SmokeDomain(
+            path=str(prim.GetPath()), transform=reader.transform(prim), lower=lower, upper=upper, **fields
+        )
+
+
+def read_emitter(reader: StageReader, prim: Usd.Prim, mesh: Mesh) -> Emitter:
+    """The emitter that a prim with this shape marks.
+
+    Raises:
+        ValueError: one line naming file, prim and attribute.
+    """
+    with reader.naming(prim.GetPath(), smoke_names("SmokeEmitterAPI", Emitter)):
+        fields = read_smoke_fields(reader, prim, "SmokeEmitterAPI", Emitter)
+        return Emitter(path=str(prim.GetPath()), transform=reader.transform(prim), mesh=mesh, **fields)
+
+
+def read_collider(reader: StageReader, prim: Usd.Prim, mesh: Mesh) -> Collider:
+    """The collider that a prim with this shape marks.
+
+    Raises:
+        ValueError: one line naming file, prim and attribute.
+    """
+    with reader.naming(prim.GetPath(), smoke_names("SmokeColliderAPI", Collider)):
+        fields = read_smoke_fields(reader, prim, "SmokeColliderAPI", Collider)
+        return Collider(path=str(prim.GetPath()), transform=reader.transform(prim), mesh=mesh, **fields)
+
+
+def read_receiver(reader: StageReader, prim: Usd.Prim) -> Receiver:
+    """What is to be baked for a prim.
+
+    Raises:
+        ValueError: one line naming file, prim and attribute.
+    """
+    with reader.naming(prim.GetPath(), smoke_names("SmokeReceiverAPI", Receiver)):
+        return Receiver(path=str(prim.GetPath()), **read_smoke_fields(reader, prim, "SmokeReceiverAPI", Receiver))
+
+
+def read_smoke_fields(reader: StageReader, prim: Usd.Prim, schema: str, record: type[Record]) -> dict[str, object]:
+    """The fields of a record that a schema's attributes are authored for; what it has no field for is warned of."""
+    changing = {name for name, kind in typing.get_type_hints(record).items() if Samples in typing.get_args(kind)}
+    fields = {attribute: field for field, attribute in smoke_fields(record, schema_attributes()[schema]).items()}
+    values = {}
+    for attribute, definition in schema_attributes()[schema].items():
+        authored = prim.GetAttribute(attribute)
+        if not authored or not authored.HasAuthoredValue():
+            continue
+        if attribute in fields:
+            field = fields[attribute]
+            values[field] = reader.changing(authored) if field in changing else reader.still(authored)
+        elif definition.default is None or authored.Get(reader.start) != definition.default:
+            reader.warn(prim, f"{attribute} is {value_of(authored, reader.start)}, which is not supported")
+    return values
+
+
+def smoke_names(schema: str, record: type[Record]) -> dict[str, str]:
+    """Field → attribute, for the errors of a record that a schema fills."""
+    return {"transform": TRANSFORM, **smoke_fields(record, schema_attributes()[schema])}
+
+
+def stray_attributes(prim: Usd.Prim, applied: set[str]) -> Iterator[str]:
+    """What is wrong with the names of a prim's authored `smoke:` attributes, given the schemas applied to it."""
+    schemas = schema_attributes()
+    for prop in prim.GetAuthoredPropertiesInNamespace("smoke"):
+        name = prop.GetName()
+        owners = [schema for schema, attributes in schemas.items() if name in attributes]
+        if not owners:
+            yield f"{name} is not an attribute of any smoke schema"
+        elif not applied.intersection(owners):
+            yield f"{name} has no effect, since {' or '.join(owners)} is not applied"
+
+
+def _read_box(reader: StageReader, prim: Usd.Prim) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Lower and upper corner of a domain, in local space."""
+    path = str(prim.GetPath())
+    if prim.IsA(UsdGeom.Cube):
+        half = positive(path, "size", reader.still(prim.GetAttribute("size"))) / 2
+        return (-half,) * 3, (half,) * 3
+    authored = prim.GetAttribute("extent")
+    if authored and authored.HasAuthoredValue():
+        extent = reader.still(authored)
+    else:
+        extent = prim.IsA(UsdGeom.Boundable) and UsdGeom.Boundable(prim).ComputeExtent(reader.start)
+    if not extent or len(extent) != 2:
+        raise FieldError(path, "extent", extent or None, "the two corners of the domain's box")
+    lower, upper = (tuple(map(shortest_decimal, corner)) for corner in extent)
+    return lower, upper
