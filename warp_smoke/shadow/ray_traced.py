@@ -45,16 +45,26 @@ class RayTracedShadow:
     light on a surface is not shadowed by it. Points that face away from the light are in their own shadow.
     """
 
-    def __init__(self, launcher: Launcher, light: Light, casters: Casters):
+    def __init__(self, launcher: Launcher, light: Light, casters: Casters, receiver_bounds: np.ndarray):
+        """Prepares the rays.
+
+        Args:
+            launcher: launches the kernel.
+            light: any light.
+            casters: what casts shadows.
+            receiver_bounds: lower and upper corner, in set space, of all that is ever looked up, [2, 3].
+        """
         self._launcher, self._light, self._casters = launcher, light, casters
+        self._receiver_extent = float(np.abs(receiver_bounds).max())
 
     def update(self, time: float) -> None:
         """Places the light as at a time code."""
         light, casters = self._light, self._casters
-        self._offset = round_off(casters.extent)
+        extent = max(casters.extent, self._receiver_extent)
+        self._offset = round_off(extent)
         if isinstance(light, DistantLight):
             self._homogeneous = wp.vec4(*(-light.direction_at(time)).tolist(), 0.0)
-            self._near, self._far = 0.0, 4.0 * casters.extent
+            self._near, self._far = 0.0, 4.0 * extent
         else:
             self._homogeneous = wp.vec4(*(light.position_at(time) - casters.origin).tolist(), 1.0)
             self._near = max(light.shadow_near or 0.0, self._offset)

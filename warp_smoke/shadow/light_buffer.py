@@ -1,0 +1,159 @@
+"""Where a smoke domain's light buffer lies: shear-warp coordinates (Lacroute and Levoy, 1994); no Warp here.
+
+Slices of the lattice across one axis are projected from the light onto a buffer that is parallel to them, so each
+slice lands on it by a shift (distant light) or a shift and a scale (point light). *Shear coordinates* (s, t, z) are
+cell coordinates with the axes reordered, and z the depth behind the side of the box nearest to the light, in slices.
+
+Lights are homogeneous vectors: (position, 1), or (unit direction towards the light, 0) for a distant one.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from warp_smoke.lattice import Lattice
+from warp_smoke.scene import DistantLight, Light
+
+# Widest slope of a ray from a slice's axis, in the first slice: a ray takes one sample a slice, so its steps grow
+# with the slope, and so does the buffer. It allows a point light an eighth of the box's width away from it.
+MAX_SLOPE = 4.0
+# Texels for each cell that the box is wide, at most; a near light's wide rays get coarser texels instead of more.
+_MAX_TEXELS = 3
+
+
+def set_to_cells(lattice: Lattice, origin: np.ndarray) -> np.ndarray:
+    """Set space to cell coordinates, 4 × 4 row-vector matrix, float64."""
+    to_world = np.eye(4)
+    to_world[3, :3] = origin
+    return to_world @ lattice.world_to_cells()
+
+
+def light_in_cells(light: Light, lattice: Lattice, time: float) -> np.ndarray:
+    """The light as a homogeneous vector in cell coordinates, [4] float64."""
+    if isinstance(light, DistantLight):
+        return np.append(-light.direction_at(time) @ lattice.axes.T, 0.0)
+    return np.append(light.position_at(time), 1.0) @ lattice.world_to_cells()
+
+
+def light_times(light: Light) -> np.ndarray:
+    """The time codes between which the light moves in straight lines; one where it stands still."""
+    return light.transform.times if light.moves else np.zeros(1)
+
+
+@dataclass(frozen=True)
+class Shear:
+    """A light buffer's coordinates.
+
+    Attributes:
+        axis: lattice axis across which the slices lie.
+        flipped: whether the light is at that axis' far end, so that the first slice is the last cell.
+        slices: number of slices.
+        light: the light in shear coordinates, [4].
+        corner: of texel (0, 0) in the buffer, (s, t): slopes for a point light, else cells on the near side.
+        texel: side of a texel, in the same unit.
+        texels: number of texels (along s, along t).
+    """
+
+    axis: int
+    flipped: bool
+    slices: int
+    light: np.ndarray
+    corner: np.ndarray
+    texel: float
+    texels: tuple[int, int]
+
+    @property
+    def from_cells(self) -> np.ndarray:
+        """Cell coordinates to shear coordinates, 4 × 4 row-vector matrix."""
+        return _from_cells(self.axis, self.flipped, self.slices)
+
+    def slice_places(self) -> np.ndarray:
+        """Where texels sample slices, in cells: s = a · row + b, t = a · column + c, as (a, b, c), [slices, 3]."""
+        z = np.arange(self.slices) + 0.5
+        first = self.corner + 0.5 * self.texel
+        s, t, depth, w = self.light
+        if w:  # along the ray of slope (u, v) from the light: (s, t) + (z − depth) (u, v)
+            scale = z - depth
+            return np.stack([scale * self.texel, s + scale * first[0], t + scale * first[1]], axis=1)
+        return np.stack([np.full_like(z, self.texel), first[0] + z * s / depth, first[1] + z * t / depth], axis=1)
+
+
+def fit_shear(
+    light: np.ndarray, shape: tuple[int, int, int], size: int | None = None, texels: tuple[int, int] | None = None
+) -> Shear | None:
+    """The light buffer across the axis that the light's rays are least oblique to; None if no axis serves.
+
+    Args:
+        light: homogeneous, in cell coordinates, [4].
+        shape: cells of the lattice.
+        size: texels along the buffer's longer side; None = texels as wide as a cell in the middle of the box.
+        texels: numbers of texels that are given; they are widened where the box would not fit.
+    """
+    fits = [_across(light, shape, axis) for axis in range(3)]
+    slope, axis = min((fit.slope, axis) for axis, fit in enumerate(fits))
+    if slope > MAX_SLOPE:
+        return None
+    fit = fits[axis]
+    span = float((fit.upper - fit.lower).max())
+    if size is not None:
+        texel = span / size
+    else:
+        texel = 1.0 / (0.5 * shape[axis] - fit.light[2]) if fit.light[3] else 1.0
+        texel = max(texel, span / (_MAX_TEXELS * max(shape)))
+    if texels is not None:
+        texel = max(texel, float(((fit.upper - fit.lower) / np.maximum(np.subtract(texels, 3), 1)).max()))
+    # Whole texels from zero, so that they meet the cells' centres for a light along the axis; and a texel that no
+    # smoke reaches on each side, so that beyond the buffer there is no shadow.
+    corner = np.floor(fit.lower / texel - 0.5) * texel
+    needed = np.ceil((fit.upper - corner) / texel + 0.5).astype(int)
+    return Shear(axis, fit.flipped, shape[axis], fit.light, corner, texel, texels or (int(needed[0]), int(needed[1])))
+
+
+def buffer_serves(light: Light, lattice: Lattice, times: Iterable[float]) -> bool:
+    """Whether a light buffer can hold the smoke's shadow at all these time codes.
+
+    It cannot where a point light is inside the domain, or so near that its rays cross it at more than `MAX_SLOPE`.
+    """
+    return all(fit_shear(light_in_cells(light, lattice, time), lattice.shape) is not None for time in times)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """The box projected from the light across one axis: bounds on the buffer, and the widest slope."""
+
+    flipped: bool
+    light: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    slope: float
+
+
+def _across(light: np.ndarray, shape: tuple[int, int, int], axis: int) -> _Fit:
+    n = shape[axis]
+    w = light[3]
+    flipped = bool(light[axis] > 0.5 * n * w)
+    s, t, depth, _ = local = light @ _from_cells(axis, flipped, n)
+    sides = [shape[other] for other in range(3) if other != axis]
+    # A cell's samples reach half a cell beyond it; nothing outside the box.
+    corners = np.array([[-0.5, -0.5], [-0.5, sides[1] + 0.5], [sides[0] + 0.5, -0.5], [sides[0] + 0.5, sides[1] + 0.5]])
+    if depth >= 0.0:  # beside the box, or inside it
+        return _Fit(flipped, local, np.zeros(2), np.zeros(2), np.inf)
+    z = np.array([0.5, n - 0.5])[:, None, None]
+    if w:
+        projected = (corners - (s, t)) / (z - depth)
+        slope = np.abs(projected[0]).max()
+    else:
+        projected = corners - z * np.array([s, t]) / depth
+        slope = max(abs(s / depth), abs(t / depth))
+    projected = projected.reshape(-1, 2)
+    return _Fit(flipped, local, projected.min(axis=0), projected.max(axis=0), float(slope))
+
+
+def _from_cells(axis: int, flipped: bool, slices: int) -> np.ndarray:
+    s_axis, t_axis = (other for other in range(3) if other != axis)
+    matrix = np.zeros((4, 4))
+    matrix[s_axis, 0] = matrix[t_axis, 1] = matrix[3, 3] = 1.0
+    matrix[axis, 2] = -1.0 if flipped else 1.0
+    matrix[3, 2] = slices if flipped else 0.0
+    return matrix

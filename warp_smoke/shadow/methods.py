@@ -1,0 +1,14 @@
+"""The shadow methods by name; those of one table share one signature."""
+
+from warp_smoke.shadow.cube import CubeShadow
+from warp_smoke.shadow.directional import DirectionalShadow
+from warp_smoke.shadow.dpd import DpdSmokeShadow
+from warp_smoke.shadow.ray_traced import RayTracedShadow
+from warp_smoke.shadow.smoke import SmokeShadow
+from warp_smoke.shadow.smoke_ray_traced import RayTracedSmokeShadow
+
+# (launcher, light, casters, receiver_bounds), then .update(time) and .visibility(points, normals, visibility_out).
+SURFACE_SHADOWS = {"cube": CubeShadow, "directional": DirectionalShadow, "exact": RayTracedShadow}
+
+# (launcher, lattice, light, origin, extinction), then .update(density, time) and .transmittance(points, inout).
+SMOKE_SHADOWS = {"march": SmokeShadow, "dpd": DpdSmokeShadow, "ray_traced": RayTracedSmokeShadow}
