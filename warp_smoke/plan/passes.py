@@ -135,12 +135,11 @@ class LightPlan:
 
 @dataclass(frozen=True)
 class ReceiverPlan:
-    """What is baked for one surface, the lights that reach it, and how often the textures change."""
+    """What is baked for one surface, how often each bake changes, and the lights that reach it."""
 
     surface: Surface
-    bakes: tuple[str, ...]
+    bakes: dict[str, When]
     lights: tuple[LightPlan, ...]
-    when: When
 
 
 @dataclass(frozen=True)

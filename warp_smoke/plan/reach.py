@@ -51,15 +51,6 @@ def in_box(lattice: Lattice, points: np.ndarray) -> bool:
     return _hull_meets_box(cells, np.zeros(3), np.asarray(lattice.shape, float))
 
 
-def light_in_box(light: Light, lattice: Lattice, frames: range) -> bool:
-    """Whether a point light is ever inside a lattice's box or on its surface."""
-    if isinstance(light, DistantLight):
-        return False
-    positions = np.array([matrix[3, :3] for matrix in _transforms(light, frames)])
-    cells = transform_points(lattice.world_to_cells(), positions)
-    return bool(np.any(np.all((cells >= -0.5) & (cells <= np.asarray(lattice.shape) + 0.5), axis=1)))
-
-
 def in_range(light: Light, points: np.ndarray, frames: range) -> bool:
     """Whether a light reaches any point of the hull of world points: within its falloff's end."""
     if isinstance(light, DistantLight) or light.falloff_end is None:

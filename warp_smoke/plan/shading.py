@@ -4,9 +4,10 @@ import numpy as np
 
 from warp_smoke.lattice import Lattice
 from warp_smoke.plan.passes import DomainPlan, Ledger, LightPlan, ReceiverPlan, When
-from warp_smoke.plan.reach import in_range, is_flat, is_moving, light_in_box, may_shadow, over, swept_corners
+from warp_smoke.plan.reach import in_range, is_flat, is_moving, may_shadow, over, swept_corners
 from warp_smoke.record import Samples
 from warp_smoke.scene import DistantLight, Light, Scene, Surface
+from warp_smoke.shadow.light_buffer import buffer_serves
 
 
 def plan_receivers(ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...]) -> tuple[ReceiverPlan, ...]:
@@ -55,19 +56,18 @@ class _Receiver:
                 reaching.append(self._light(light))
             else:
                 self.ledger.omit("shade_light", (path, light.path), f"{path} lies beyond its falloffEnd")
-        kept = []
+        moves = is_moving(self.surface) or any(each.when == When.FRAME for each in reaching)
+        smoky = any(each.smoke for each in reaching)
+        kept = {}
         for bake in self.surface.receiver.bake:
             if bake == "visibility" and not any(each.surface_shadow for each in reaching):
                 self.ledger.omit("bake", (path, bake), "nothing casts a shadow on it")
-            elif bake == "smokeShadow" and not any(each.smoke for each in reaching):
+            elif bake == "smokeShadow" and not smoky:
                 self.ledger.omit("bake", (path, bake), "no smoke can shadow it")
             else:
-                kept.append(bake)
-        changes = is_moving(self.surface) or any(each.smoke or each.when == When.FRAME for each in reaching)
-        when = When.FRAME if changes else When.ONCE
-        for bake in kept:
-            self.ledger.keep("bake", (path, bake), when, f"{bake} texture", f"smoke:bake asks for {bake}")
-        return ReceiverPlan(self.surface, tuple(kept), tuple(reaching), when)
+                kept[bake] = When.FRAME if moves or (smoky and bake != "visibility") else When.ONCE
+                self.ledger.keep("bake", (path, bake), kept[bake], f"{bake} texture", f"smoke:bake asks for {bake}")
+        return ReceiverPlan(self.surface, kept, tuple(reaching))
 
     def _light(self, light: Light) -> LightPlan:
         pair = (self.surface.path, light.path)
@@ -145,8 +145,8 @@ class _Receiver:
     def _smoke_method(self, light: Light, each: DomainPlan) -> str:
         pair = (light.path, each.domain.path)
         method = light.smoke_shadow
-        if method != "ray_traced" and light_in_box(light, each.lattice, self.scene.frames):
-            why = "the light enters the domain, so no buffer behind the smoke can hold its shadow: rays are traced"
+        if method != "ray_traced" and not buffer_serves(light, each.lattice, self.scene.frames):
+            why = "the light is inside the domain or close to it, where no buffer can hold its shadow: rays are traced"
             self.ledger.omit("project_smoke", pair, why)
             return "ray_traced"
         if method == "ray_traced":

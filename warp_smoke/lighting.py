@@ -1,0 +1,140 @@
+"""Shadows and bakes of a plan: which shadow meets which receiver, and what is computed again at a frame."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import warp as wp
+
+from warp_smoke.launch import Launcher
+from warp_smoke.plan import LightPlan, Plan, ReceiverPlan, When
+from warp_smoke.plan.reach import swept_corners
+from warp_smoke.shading.bake import ReceiverBake
+from warp_smoke.shadow.casters import Casters
+from warp_smoke.shadow.cube import CubeShadow
+from warp_smoke.shadow.directional import DirectionalShadow
+from warp_smoke.shadow.dpd import DpdShadow
+from warp_smoke.shadow.ray_traced import RayTracedShadow
+from warp_smoke.shadow.smoke import SmokeShadow
+from warp_smoke.shadow.smoke_ray_traced import RayTracedSmokeShadow
+from warp_smoke.timing import Timings
+
+_SMOKE_SHADOWS = {"march": SmokeShadow, "dpd": DpdShadow, "ray_traced": RayTracedSmokeShadow}
+
+
+class Lighting:
+    """Brings shadows and pictures to a frame, each as often as the plan says.
+
+    Attributes:
+        origin: world position of set space's origin, near the middle of the receivers, [3] float64.
+        warnings: what could not be baked as asked.
+    """
+
+    def __init__(self, launcher: Launcher, plan: Plan, timings: Timings):
+        self._launcher, self._plan, self._timings = launcher, plan, timings
+        self.warnings: list[str] = []
+        self._baked = False
+        if not plan.receivers:
+            return
+        corners = {each.surface.path: swept_corners(each.surface, plan.scene.frames) for each in plan.receivers}
+        everything = np.concatenate(list(corners.values()))
+        self.origin = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
+
+        self._maps, self._smoke = {}, {}
+        shadowed: dict[str, list[np.ndarray]] = {}
+        self._casters = None
+        for each in plan.receivers:
+            for light in each.lights:
+                if light.surface_shadow:
+                    shadowed.setdefault(light.light.path, []).append(corners[each.surface.path] - self.origin)
+        if shadowed:
+            self._casters = Casters(launcher, plan.scene.surfaces, self.origin)
+        for each in (light for receiver in plan.receivers for light in receiver.lights):
+            path = each.light.path
+            if each.surface_shadow and path not in self._maps:
+                points = np.concatenate(shadowed[path])
+                self._maps[path] = self._surface_shadow(each, np.stack([points.min(axis=0), points.max(axis=0)]))
+            for domain, method in each.smoke:
+                key = (path, domain.domain.path)
+                if key not in self._smoke:
+                    make, extinction = _SMOKE_SHADOWS[method], domain.domain.extinction
+                    self._smoke[key] = make(launcher, domain.lattice, each.light, self.origin, extinction)
+
+        self._bakes = {each.surface.path: self._bake(each) for each in plan.receivers}
+        self.warnings += [warning for bake in self._bakes.values() for warning in bake.warnings]
+
+    def _surface_shadow(self, each: LightPlan, bounds: np.ndarray) -> RayTracedShadow | CubeShadow | DirectionalShadow:
+        if each.surface_shadow == "exact":
+            return RayTracedShadow(self._launcher, each.light, self._casters)
+        make = DirectionalShadow if each.surface_shadow == "directional" else CubeShadow
+        return make(self._launcher, each.light, self._casters, bounds)
+
+    def _bake(self, each: ReceiverPlan) -> ReceiverBake:
+        return ReceiverBake(
+            self._launcher,
+            each.surface,
+            [light.light for light in each.lights],
+            self.origin,
+            bakes=each.bakes,
+            ambient=self._plan.scene.ambient,
+            camera=self._plan.scene.camera,
+            shadowed=[light.light.path for light in each.lights if light.surface_shadow],
+            smoke_shadowed=[light.light.path for light in each.lights if light.smoke],
+        )
+
+    def update(self, time: float, densities: Mapping[str, wp.array]) -> dict[tuple[str, str], np.ndarray]:
+        """Brings everything to a time code.
+
+        Args:
+            time: time code.
+            densities: [nx, ny, nz] of each domain, by path.
+
+        Returns:
+            Pixels of the pictures that changed, by receiver path and bake; float32 values at points where the
+            receiver's texture coordinates hold no picture.
+        """
+        if not self._plan.receivers:
+            return {}
+        if self._casters:
+            with self._timings.measure("place_casters"):
+                self._casters.update(time)
+            with self._timings.measure("trace_shadow_map"):
+                for shadow in self._maps.values():
+                    shadow.update(time)
+        with self._timings.measure("project_smoke"):
+            for (_, domain), shadow in self._smoke.items():
+                shadow.update(densities[domain], time)
+        pictures = {}
+        for each in self._plan.receivers:
+            pictures |= self._update_receiver(each, time)
+        self._baked = True
+        return pictures
+
+    def _update_receiver(self, each: ReceiverPlan, time: float) -> dict[tuple[str, str], np.ndarray]:
+        due = [bake for bake, when in each.bakes.items() if when == When.FRAME or not self._baked]
+        if not due:
+            return {}
+        bake = self._bakes[each.surface.path]
+        with self._timings.measure("shade_light"):
+            bake.update(time)
+        for light in each.lights:
+            if light.surface_shadow and (light.when == When.FRAME or not self._baked):
+                with self._timings.measure("surface_visibility"):
+                    out = bake.visibility[light.light.path]
+                    self._maps[light.light.path].visibility(bake.map.points, bake.map.normals, out)
+            if light.smoke:
+                with self._timings.measure("smoke_transmittance"):
+                    self._look_through_smoke(light, bake)
+        with self._timings.measure("bake"):
+            return {(each.surface.path, name): bake.picture(name) for name in due}
+
+    def _look_through_smoke(self, each: LightPlan, bake: ReceiverBake) -> None:
+        share = bake.transmittance[each.light.path]
+        share.fill_(1.0)
+        for domain, _ in each.smoke:
+            self._smoke[each.light.path, domain.domain.path].transmittance(bake.map.points, share)
+
+    def depth_pictures(self) -> dict[str, np.ndarray]:
+        """The depth maps by path of light, uint8: a cross of six faces for a point light."""
+        if not self._plan.receivers:
+            return {}
+        return {path: shadow.depth_picture() for path, shadow in self._maps.items() if hasattr(shadow, "depth_picture")}
