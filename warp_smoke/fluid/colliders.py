@@ -171,6 +171,23 @@ def _push_closed(rows: Rows, share: wp.array3d[float], solid: wp.array3d[float],
         k += 1
 
 
+def open_faces(
+    launcher: Launcher,
+    fluid: wp.array,
+    sides: tuple[str, ...],
+    shares: tuple[wp.array, wp.array, wp.array],
+) -> None:
+    """Opens the faces between cells of fluid and on open sides.
+
+    Args:
+        launcher: where it runs.
+        fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz].
+        sides: open or closed for each of -x +x -y +y -z +z.
+        shares: wx, wy, wz, the open share of each face, written.
+    """
+    launcher.launch(_open_faces, corners(fluid.shape), fluid, *side_weights(sides), *shares)
+
+
 class Solids:
     """All colliders of a domain.
 
@@ -231,11 +248,11 @@ class Solids:
                 self._launcher.launch(_mark_moving, each.shape, *args)
             else:
                 self._launcher.launch(_mark_solid, each.shape, lower, each.fraction, self.fluid)
-        sides = side_weights(self._lattice.sides)
-        faces = corners(self._lattice.shape)
-        self._launcher.launch(_open_faces, faces, self.fluid, *sides, self.wx, self.wy, self.wz)
+        sides = self._lattice.sides
+        open_faces(self._launcher, self.fluid, sides, (self.wx, self.wy, self.wz))
         if self.velocity is not None:
-            self._launcher.launch(_move_faces, faces, self.fluid, *self._cell_velocity, *sides, *self.velocity)
+            args = (self.fluid, *self._cell_velocity, *side_weights(sides), *self.velocity)
+            self._launcher.launch(_move_faces, corners(self._lattice.shape), *args)
 
     def apply(self, velocity: tuple[wp.array, wp.array, wp.array]) -> None:
         """Gives faces that are not open the velocity of the solid there (0 on closed sides of the domain).

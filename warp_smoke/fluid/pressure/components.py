@@ -1,0 +1,99 @@
+"""Bodies of fluid that no open side touches: the net divergence of each must be 0, for no pressure can change it."""
+
+import numpy as np
+import scipy.ndimage
+import warp as wp
+
+from warp_smoke.launch import Launcher, Rows
+
+wp.set_module_options({"enable_backward": False})
+
+_CHUNK = 1024
+
+
+@wp.func
+def _flat(a: wp.array3d[float]):
+    """The same array as one row of cells."""
+    return wp.array(ptr=a.ptr, shape=(a.shape[0] * a.shape[1] * a.shape[2],), dtype=float)
+
+
+@wp.kernel
+def _sum_chunks(
+    rows: Rows,
+    cells: wp.array[int],
+    first: wp.array[int],
+    field: wp.array3d[float],
+    sums_out: wp.array[wp.float64],
+):
+    """sums_n = Σ field over cells first_n … first_(n+1) − 1 of the list."""
+    n = rows.first + wp.tid()
+    values = _flat(field)
+    total = wp.float64(0.0)
+    for m in range(first[n], first[n + 1]):
+        total += wp.float64(values[cells[m]])
+    sums_out[n] = total
+
+
+@wp.kernel
+def _subtract_from_chunks(
+    rows: Rows, cells: wp.array[int], first: wp.array[int], means: wp.array[float], field_inout: wp.array3d[float]
+):
+    """Subtracts means_n from field at cells first_n … first_(n+1) − 1 of the list."""
+    n = rows.first + wp.tid()
+    values = _flat(field_inout)
+    for m in range(first[n], first[n + 1]):
+        values[cells[m]] = values[cells[m]] - means[n]
+
+
+class ClosedComponents:
+    """The 6-connected components of fluid without an open side, as lists of cells in chunks.
+
+    Attributes:
+        count: how many there are.
+    """
+
+    def __init__(self, launcher: Launcher, fluid: np.ndarray, sides: tuple[str, ...]):
+        """Finds them.
+
+        Args:
+            launcher: where it runs.
+            fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz].
+            sides: open or closed for each of -x +x -y +y -z +z.
+        """
+        self._launcher = launcher
+        labels, found = scipy.ndimage.label(fluid > 0)
+        closed = np.ones(found + 1, bool)
+        closed[0] = False
+        for side, token in enumerate(sides):
+            if token == "open":
+                closed[labels.take(-(side % 2), axis=side // 2)] = False
+        self.count = int(closed.sum())
+        if not self.count:
+            return
+        inside = np.flatnonzero(closed[labels])
+        component = (np.cumsum(closed) - 1)[labels.ravel()[inside]]
+        order = np.argsort(component, kind="stable")
+        self._sizes = np.bincount(component)
+        ends = np.cumsum(self._sizes)
+        starts = [np.arange(end - size, end, _CHUNK) for size, end in zip(self._sizes, ends, strict=True)]
+        self._chunk_component = np.repeat(np.arange(self.count), [len(each) for each in starts])
+        first = np.concatenate([*starts, ends[-1:]])
+        self._cells = launcher.array(inside[order].astype(np.int32), "pressure")
+        self._first = launcher.array(first.astype(np.int32), "pressure")
+        self._sums = launcher.zeros(len(first) - 1, "pressure", wp.float64)
+        self._means = launcher.zeros(len(first) - 1, "pressure")
+
+    def remove_means(self, field: wp.array) -> float:
+        """Takes its mean over each component off a field [nx, ny, nz].
+
+        Returns:
+            The largest absolute mean.
+        """
+        if not self.count:
+            return 0.0
+        chunks = len(self._chunk_component)
+        self._launcher.launch_each(_sum_chunks, chunks, self._cells, self._first, field, self._sums)
+        means = np.bincount(self._chunk_component, weights=self._sums.numpy()) / self._sizes
+        self._means.assign(means[self._chunk_component].astype(np.float32))
+        self._launcher.launch_each(_subtract_from_chunks, chunks, self._cells, self._first, self._means, field)
+        return float(np.abs(means).max())

@@ -1,0 +1,312 @@
+"""Exact pressure in an empty box: sine and cosine transforms along k and j, a tridiagonal solve along i.
+
+Along an axis of n cells, L has the eigenvalues −λ, λ_m = 2 − 2 cos(π s / n), and its eigenvectors are a discrete
+cosine or sine transform (G. Strang, The Discrete Cosine Transform, 1999):
+
+    sides           transform   s
+    closed, closed  DCT-II      m
+    open, open      DST-II      m + 1
+    closed, open    DCT-IV      m + ½
+    open, closed    DST-IV      m + ½
+"""
+
+from math import isfinite, sqrt
+
+import numpy as np
+import scipy.fft
+import warp as wp
+
+from warp_smoke.fluid.operators import side_weights
+from warp_smoke.fluid.pressure.status import PressureStatus
+from warp_smoke.fluid.pressure.sums import Sums, dense_parts
+from warp_smoke.launch import Launcher, Rows, dense
+
+wp.set_module_options({"enable_backward": False})
+
+_Shape = tuple[int, int, int]
+
+
+@wp.kernel
+def _solve_tridiagonal(rows: Rows, factor: wp.array3d[float], q_inout: wp.array3d[float]):
+    """Solves −q_(i−1) + b_i q_i − q_(i+1) = −d_i (L. H. Thomas, 1949), d and then q in `q_inout`.
+
+    With m_i = 1 / (b_i − m_(i−1)) in `factor`: f_i = m_i (f_(i−1) − d_i) upwards, q_i = f_i + m_i q_(i+1) downwards.
+    """
+    j, _, c = wp.tid()
+    j += rows.first
+    m = dense(factor)
+    q = dense(q_inout)
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, q_inout.shape[2])
+    k = start
+    while k < end:
+        q[0, j, k] = -m[0, j, k] * q[0, j, k]
+        k += 1
+    i = wp.int32(1)
+    while i < q_inout.shape[0]:
+        k = start
+        while k < end:
+            q[i, j, k] = m[i, j, k] * (q[i - 1, j, k] - q[i, j, k])
+            k += 1
+        i += 1
+    i = q_inout.shape[0] - 2
+    while i >= 0:
+        k = start
+        while k < end:
+            q[i, j, k] = q[i, j, k] + m[i, j, k] * q[i + 1, j, k]
+            k += 1
+        i -= 1
+
+
+@wp.kernel
+def _remove_mean_mode(rows: Rows, modes_inout: wp.array3d[float], mean_out: wp.array[float]):
+    """Takes the mean over i off modes_i00, which hold the sums over j and k."""
+    n = rows.first + wp.tid()
+    total = wp.float64(0.0)
+    for i in range(modes_inout.shape[0]):
+        total += wp.float64(modes_inout[i, 0, 0])
+    mean = wp.float32(total / wp.float64(modes_inout.shape[0]))
+    for i in range(modes_inout.shape[0]):
+        modes_inout[i, 0, 0] = modes_inout[i, 0, 0] - mean
+    mean_out[n] = mean
+
+
+@wp.kernel
+def _transform_j(rows: Rows, matrix: wp.array2d[float], a: wp.array3d[float], a_out: wp.array3d[float]):
+    """a_out_ijk = Σ_l matrix_jl a_ilk."""
+    i, j, c = wp.tid()
+    i += rows.first
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, a.shape[2])
+    while k < end:
+        total = wp.float32(0.0)
+        for other in range(a.shape[1]):
+            total += matrix[j, other] * a[i, other, k]
+        a_out[i, j, k] = total
+        k += 1
+
+
+@wp.kernel
+def _transform_k(rows: Rows, matrix: wp.array2d[float], a: wp.array3d[float], a_out: wp.array3d[float]):
+    """a_out_ijk = Σ_l matrix_kl a_ijl."""
+    i, j, c = wp.tid()
+    i += rows.first
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, a.shape[2])
+    while k < end:
+        total = wp.float32(0.0)
+        for other in range(a.shape[2]):
+            total += matrix[k, other] * a[i, j, other]
+        a_out[i, j, k] = total
+        k += 1
+
+
+@wp.kernel
+def _sum_residual(
+    rows: Rows,
+    divergence: wp.array3d[float],
+    imbalance: float,
+    pressure: wp.array3d[float],
+    lower: wp.vec3,
+    upper: wp.vec3,
+    parts_out: wp.array3d[wp.float64],
+):
+    """Parts of Σ d², max |d|, Σ r² and max |r|, with r = d − imbalance − L q."""
+    i, _, c = wp.tid()
+    i += rows.first
+    nx = pressure.shape[0]
+    ny = pressure.shape[1]
+    nz = pressure.shape[2]
+    d = dense(divergence)
+    q = dense(pressure)
+    parts = dense_parts(parts_out)
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, nz)
+    zero = wp.float64(0.0)
+    k = start
+    while k < end:
+        parts[0, i, k] = zero
+        parts[1, i, k] = zero
+        parts[2, i, k] = zero
+        parts[3, i, k] = zero
+        k += 1
+    i_before = wp.max(i - 1, 0)
+    i_after = wp.min(i + 1, nx - 1)
+    a0 = wp.where(i > 0, 1.0, 0.0)
+    a1 = wp.where(i < nx - 1, 1.0, 0.0)
+    centre_i = wp.where(i > 0, 1.0, lower[0]) + wp.where(i < nx - 1, 1.0, upper[0])
+    j = wp.int32(0)
+    while j < ny:
+        j_before = wp.max(j - 1, 0)
+        j_after = wp.min(j + 1, ny - 1)
+        b0 = wp.where(j > 0, 1.0, 0.0)
+        b1 = wp.where(j < ny - 1, 1.0, 0.0)
+        centre_j = wp.where(j > 0, 1.0, lower[1]) + wp.where(j < ny - 1, 1.0, upper[1])
+        k = start
+        while k < end:
+            here = q[i, j, k]
+            along_i = a0 * q[i_before, j, k] + a1 * q[i_after, j, k] - centre_i * here
+            along_j = b0 * q[i, j_before, k] + b1 * q[i, j_after, k] - centre_j * here
+            below = wp.where(k > 0, q[i, j, wp.max(k - 1, 0)] - here, -lower[2] * here)
+            above = wp.where(k < nz - 1, q[i, j, wp.min(k + 1, nz - 1)] - here, -upper[2] * here)
+            s = wp.float64(d[i, j, k])
+            r = wp.float64(d[i, j, k] - imbalance - (along_i + along_j + below + above))
+            parts[0, i, k] = parts[0, i, k] + s * s
+            parts[1, i, k] = wp.max(parts[1, i, k], wp.abs(s))
+            parts[2, i, k] = parts[2, i, k] + r * r
+            parts[3, i, k] = wp.max(parts[3, i, k], wp.abs(r))
+            k += 1
+        j += 1
+
+
+def _transform_of(lower: str, upper: str) -> tuple:
+    """The transform of an axis with these sides: scipy's function, its inverse, its type, and the shift of s."""
+    return {
+        ("closed", "closed"): (scipy.fft.dct, scipy.fft.idct, 2, 0.0),
+        ("open", "open"): (scipy.fft.dst, scipy.fft.idst, 2, 1.0),
+        ("closed", "open"): (scipy.fft.dct, scipy.fft.idct, 4, 0.5),
+        ("open", "closed"): (scipy.fft.dst, scipy.fft.idst, 4, 0.5),
+    }[lower, upper]
+
+
+def eigenvalues(n: int, lower: str, upper: str) -> np.ndarray:
+    """λ of an axis of n cells between two sides, [n] float64: −λ q is its share of L q."""
+    shift = _transform_of(lower, upper)[3]
+    return 2.0 - 2.0 * np.cos(np.pi * (np.arange(n) + shift) / n)
+
+
+def eigenvectors(n: int, lower: str, upper: str) -> np.ndarray:
+    """Orthonormal eigenvectors of an axis of n cells between two sides, one a row, [n, n] float64."""
+    forward, _, kind, _ = _transform_of(lower, upper)
+    return forward(np.eye(n), type=kind, axis=0, norm="ortho")
+
+
+class FastTransforms:
+    """To modes along j and k and back in O(n log n), by scipy.fft on the CPU."""
+
+    def __init__(self, launcher: Launcher, shape: _Shape, sides: tuple[str, ...]):
+        self._threads = launcher.threads
+        # One cell has one mode: itself.
+        self._axes = [(axis, _transform_of(*sides[2 * axis : 2 * axis + 2])) for axis in (2, 1) if shape[axis] > 1]
+
+    def forward(self, a: wp.array, modes: wp.array) -> None:
+        """Writes the modes of `a`."""
+        wp.copy(modes, a)
+        self._apply(modes, [(axis, forward, kind) for axis, (forward, _, kind, _) in self._axes])
+
+    def inverse(self, modes: wp.array) -> None:
+        """Replaces modes by the field that they make up."""
+        self._apply(modes, [(axis, inverse, kind) for axis, (_, inverse, kind, _) in reversed(self._axes)])
+
+    def _apply(self, array: wp.array, steps: list) -> None:
+        values = result = array.numpy()  # shares the array's memory
+        for axis, transform, kind in steps:
+            result = transform(result, type=kind, axis=axis, norm="ortho", overwrite_x=True, workers=self._threads)
+        if not np.may_share_memory(result, values):  # scipy may, but need not, work in place
+            values[...] = result
+
+
+class MatrixTransforms:
+    """To modes along j and k and back by matrices of eigenvectors, on any device."""
+
+    def __init__(self, launcher: Launcher, shape: _Shape, sides: tuple[str, ...]):
+        self._launcher, self._shape = launcher, shape
+        matrices = [eigenvectors(shape[axis], *sides[2 * axis : 2 * axis + 2]) for axis in (1, 2)]
+        self._along_j, self._along_k = (launcher.array(m.astype(np.float32), "pressure") for m in matrices)
+        self._back_j, self._back_k = (
+            launcher.array(np.ascontiguousarray(m.T, np.float32), "pressure") for m in matrices
+        )
+        self._scratch = launcher.zeros(shape, "pressure")
+
+    def forward(self, a: wp.array, modes: wp.array) -> None:
+        """Writes the modes of `a`."""
+        self._launcher.launch(_transform_k, self._shape, self._along_k, a, self._scratch)
+        self._launcher.launch(_transform_j, self._shape, self._along_j, self._scratch, modes)
+
+    def inverse(self, modes: wp.array) -> None:
+        """Replaces modes by the field that they make up."""
+        self._launcher.launch(_transform_j, self._shape, self._back_j, modes, self._scratch)
+        self._launcher.launch(_transform_k, self._shape, self._back_k, self._scratch, modes)
+
+
+class SpectralPressure:
+    """Direct solver for a box without solids, with any mix of open and closed sides.
+
+    In a box with closed sides only, the mean of the divergence is left out and the mean of the pressure is 0.
+    """
+
+    def __init__(self, launcher: Launcher, shape: _Shape, sides: tuple[str, ...]):
+        """Prepares the transforms and the factors of the tridiagonal systems.
+
+        Args:
+            launcher: where it runs.
+            shape: cells along each axis (nx, ny, nz).
+            sides: open or closed for each of -x +x -y +y -z +z.
+        """
+        self._launcher, self._shape, self._sides = launcher, shape, sides
+        transforms = FastTransforms if launcher.device.is_cpu else MatrixTransforms
+        self._transforms = transforms(launcher, shape, sides)
+        self._factor = launcher.array(_tridiagonal_factor(shape, sides), "pressure")
+        self._singular = "open" not in sides
+        self._mean = launcher.zeros(1, "pressure")
+        self._sums = Sums(launcher, shape, 4, "pressure")
+
+    def solve(self, divergence: wp.array, pressure: wp.array) -> PressureStatus:
+        """Solves Σ (q_neighbour − q) = d.
+
+        Args:
+            divergence: d, [nx, ny, nz] [m/s].
+            pressure: q = dt p / h, [nx, ny, nz] [m/s], written.
+        """
+        imbalance = self.invert(divergence, pressure)
+        args = (divergence, imbalance, pressure, *side_weights(self._sides), self._sums.parts)
+        self._launcher.launch(_sum_residual, self._sums.launch_shape, *args)
+        largest, square = self._sums.largest(1), self._sums.sum(0)
+        max_residual = self._sums.largest(3) / largest if largest else 0.0
+        rms_residual = sqrt(self._sums.sum(2) / square) if square else 0.0
+        return PressureStatus(
+            iterations=1,
+            max_residual=max_residual,
+            rms_residual=rms_residual,
+            converged=isfinite(max_residual),
+            imbalance=abs(imbalance),
+        )
+
+    def invert(self, divergence: wp.array, pressure: wp.array) -> float:
+        """Solves as `solve`, without measuring the residual.
+
+        Returns:
+            The mean of the divergence where it had to be left out, else 0 [m/s].
+        """
+        self._transforms.forward(divergence, pressure)
+        imbalance = self._remove_mean(pressure) if self._singular else 0.0
+        _, ny, nz = self._shape
+        self._launcher.launch(_solve_tridiagonal, (ny, 1, nz), self._factor, pressure)
+        if self._singular:
+            self._remove_mean(pressure)
+        self._transforms.inverse(pressure)
+        return imbalance
+
+    def _remove_mean(self, modes: wp.array) -> float:
+        """Takes the mean off a field given by its modes, and returns it."""
+        _, ny, nz = self._shape
+        self._launcher.launch_each(_remove_mean_mode, 1, modes, self._mean)
+        return float(self._mean.numpy()[0]) / sqrt(ny * nz)
+
+
+def _tridiagonal_factor(shape: _Shape, sides: tuple[str, ...]) -> np.ndarray:
+    """Factor m of `_solve_tridiagonal`, [nx, ny, nz] float32; 0 where the singular mode of a closed box has its 1/0."""
+    nx, ny, nz = shape
+    across = eigenvalues(ny, *sides[2:4])[:, None] + eigenvalues(nz, *sides[4:6])
+    ends = np.zeros(nx)
+    for end, side in ((0, sides[0]), (-1, sides[1])):
+        ends[end] += 1.0 if side == "open" else -1.0
+    factor = np.empty(shape, np.float32)
+    before = np.zeros((ny, nz))
+    for i in range(nx):
+        pivot = 2.0 + across + ends[i] - before
+        if i == nx - 1 and "open" not in sides:
+            pivot[0, 0] = np.inf
+        before = 1.0 / pivot
+        factor[i] = before
+    return factor

@@ -1,0 +1,39 @@
+"""Sums over the grid in float64: kernels add up parts, the host adds the parts, always in the same order."""
+
+import warp as wp
+
+from warp_smoke.launch import Launcher
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def dense_parts(a: wp.array3d[wp.float64]):
+    """The parts of `Sums` with strides that follow from their shape, as `warp_smoke.launch.dense`."""
+    return wp.array(ptr=a.ptr, shape=(a.shape[0], a.shape[1], a.shape[2]), dtype=wp.float64)
+
+
+class Sums:
+    """Several sums or maxima over one grid.
+
+    A kernel launched over `launch_shape` covers all j of one i and adds to its own `parts[n, i, k]`: along k the parts
+    are independent, so the loop is vectorised, which a sum in one variable is not.
+
+    Attributes:
+        parts: [count, nx, nz] float64.
+        launch_shape: (nx, 1, nz).
+    """
+
+    def __init__(self, launcher: Launcher, shape: tuple[int, int, int], count: int, label: str):
+        """Allocates the parts of `count` sums over `shape` cells."""
+        nx, _, nz = shape
+        self.parts = launcher.zeros((count, nx, nz), label, wp.float64)
+        self.launch_shape = (nx, 1, nz)
+
+    def sum(self, n: int) -> float:
+        """The n-th result as a sum."""
+        return float(self.parts.numpy()[n].sum())
+
+    def largest(self, n: int) -> float:
+        """The n-th result as a maximum."""
+        return float(self.parts.numpy()[n].max())
