@@ -13,7 +13,7 @@ from warp_smoke.record import Samples, at_least
 from warp_smoke.scene import DistantLight, Light, PointLight, SpotLight
 from warp_smoke.usd.names import LIGHT
 from warp_smoke.usd.read_smoke import read_smoke_fields, smoke_names
-from warp_smoke.usd.reader import StageReader, value_of
+from warp_smoke.usd.reader import StageReader, shortest_decimal, value_of
 
 # Inputs that lights are read without, and the values at which they do nothing.
 WITHOUT_EFFECT = {
@@ -95,7 +95,7 @@ def _read_color(reader: StageReader, prim: Usd.Prim) -> tuple[float, ...]:
         return color
     kelvin = reader.still(prim.GetAttribute("inputs:colorTemperature"))
     tint = UsdLux.BlackbodyTemperatureAsRgb(kelvin)
-    return tuple(a * b for a, b in zip(color, tint, strict=True))
+    return tuple(shortest_decimal(a * b) for a, b in zip(color, tint, strict=True))
 
 
 def _read_intensity(reader: StageReader, prim: Usd.Prim) -> float | Samples:
@@ -103,7 +103,7 @@ def _read_intensity(reader: StageReader, prim: Usd.Prim) -> float | Samples:
 
     def at(time: float) -> float:
         intensity, exposure = (value_of(attribute, time) for attribute in attributes)
-        return intensity * 2.0**exposure
+        return shortest_decimal(intensity * 2.0**exposure)
 
     return reader.over_time(reader.sample_times(attributes), at)
 
@@ -135,7 +135,7 @@ def _sphere_radius(reader: StageReader, prim: Usd.Prim) -> float:
 
 def _as_sphere(reader: StageReader, prim: Usd.Prim, area: float) -> float:
     reader.warn(prim, f"a {prim.GetTypeName()} is used as a sphere of the same area")
-    return float(np.sqrt(area / (4.0 * np.pi)))
+    return shortest_decimal(np.sqrt(area / (4.0 * np.pi)))
 
 
 def _rect_radius(reader: StageReader, prim: Usd.Prim) -> float:

@@ -4,7 +4,7 @@ from pxr import Ar, Sdf, Usd, UsdShade
 
 from warp_smoke.scene import Material, Texture
 from warp_smoke.usd.names import MATERIAL, TEXTURE
-from warp_smoke.usd.reader import StageReader
+from warp_smoke.usd.reader import StageReader, shortest_decimal
 
 # What UsdPreviewSurface falls back to.
 PREVIEW_SURFACE = {
@@ -79,14 +79,15 @@ class MaterialReader:
         r0 = values["specularColor"]
         if not values["useSpecularWorkflow"]:
             n = values["ior"]
-            r0 = (((n - 1.0) / (n + 1.0)) ** 2,) * 3
+            r0 = (shortest_decimal(((n - 1.0) / (n + 1.0)) ** 2),) * 3
             metallic = values["metallic"]
             if metallic and textured:
                 text = "inputs:metallic with a textured diffuseColor is not supported; it has no effect"
                 self._reader.warn(surface.GetPrim(), text)
             elif metallic:
-                r0 = tuple((1.0 - metallic) * a + metallic * b for a, b in zip(r0, diffuse, strict=True))
-                diffuse = tuple((1.0 - metallic) * a for a in diffuse)
+                pairs = zip(r0, diffuse, strict=True)
+                r0 = tuple(shortest_decimal((1.0 - metallic) * a + metallic * b) for a, b in pairs)
+                diffuse = tuple(shortest_decimal((1.0 - metallic) * a) for a in diffuse)
         with self._reader.naming(surface.GetPath(), MATERIAL):
             return Material(
                 path=str(material.GetPath()),
