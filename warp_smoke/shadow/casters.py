@@ -45,7 +45,7 @@ class Casters:
         self._time = time
         visible = [index for index, surface in enumerate(self._surfaces) if value_at(surface.visible, time)]
         corners = [self._corners(self._surfaces[index], time) for index in visible]
-        # A triangle without area, which no ray hits, keeps an empty set from being a special case.
+        # A point, which no ray hits, keeps an empty set from being a special case.
         triangles = np.concatenate(corners) if any(map(len, corners)) else np.zeros((1, 3, 3), np.float32)
         self.lower, self.upper = (np.asarray(reduce(triangles, (0, 1)), np.float64) for reduce in (np.min, np.max))
         if visible != self._visible:
@@ -64,7 +64,12 @@ class Casters:
     def _corners(self, surface: Surface, time: float) -> np.ndarray:
         """Corners of a surface's triangles in set space, [m, 3, 3] float32."""
         world = transform_points(surface.transform_at(time), surface.mesh.points_at(time))
-        return (world - self.origin).astype(np.float32)[surface.mesh.triangles]
+        corners = (world - self.origin).astype(np.float32)[surface.mesh.triangles]
+        # A ray that starts on a triangle without area could hit it by rounding, but never hits a point.
+        edges = np.diff(corners.astype(np.float64), axis=1)
+        flat = ~np.any(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+        corners[flat] = corners[flat, :1]
+        return corners
 
     def _boxes(self, triangles: np.ndarray) -> np.ndarray:
         """Three points for each triangle that span its bounding box and a margin, [3 m, 3] float32."""
