@@ -14,6 +14,8 @@ use no atomics, so results are the same to the bit for any number of threads.
 """
 
 import os
+import sys
+import tempfile
 import threading
 from collections import Counter
 from itertools import pairwise
@@ -57,6 +59,26 @@ def dense_store(a: wp.array3d[float]):
 def bits(x: float):
     """The bits of a float, for `dense_store`."""
     return wp.cast(x, wp.int32)
+
+
+def _start_warp() -> None:
+    """Starts Warp without its complaint that there is no CUDA driver, which is no news on a machine without a GPU.
+
+    It comes from native code, so the file descriptor is watched; whatever else is said there is passed on.
+    """
+    sys.stderr.flush()
+    stderr = os.dup(2)
+    with tempfile.TemporaryFile() as said:
+        os.dup2(said.fileno(), 2)
+        try:
+            wp.init()
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+        said.seek(0)
+        for line in said:
+            if b"Could not find or load the NVIDIA CUDA driver" not in line:
+                sys.stderr.write(line.decode(errors="replace"))
 
 
 class _Worker:
@@ -112,6 +134,7 @@ class Launcher:
     """
 
     def __init__(self, device: str = "cpu", threads: int | None = None):
+        _start_warp()
         self.device = wp.get_device(device)
         available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
         self.threads = max(1, threads or available) if self.device.is_cpu else 1
