@@ -15,9 +15,10 @@ PNG_COMPRESS_LEVEL = 3
 def replacing(path: Path) -> Iterator[Path]:
     """Gives a hidden path in the same folder, whose file takes the place of `path` once the block ends well.
 
-    An error in the block removes the hidden file and leaves `path` as it was.
+    It has the same suffix, by which writers choose a format. An error in the block removes the hidden file and leaves
+    `path` as it was.
     """
-    partial = path.with_name(f".{path.name}.partial")
+    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
         yield partial
         partial.replace(path)

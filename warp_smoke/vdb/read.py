@@ -59,6 +59,40 @@ def read_vdb(path: str | os.PathLike, *, max_voxels: int = 512**3) -> dict[str, 
         OSError: the file cannot be read.
     """
     source = _Source(path)
+    has_offsets, count = _read_header(source)
+    grids = {}
+    for _ in range(count):
+        grid = _read_grid(source, has_offsets, max_voxels)
+        if grid.name in grids:
+            raise source.error("name occurs twice")
+        grids[grid.name] = grid
+    return grids
+
+
+def read_grid_names(path: str | os.PathLike) -> tuple[str, ...]:
+    """Names of all grids in a `.vdb` file, of whatever type and compression, in the order of the file.
+
+    Raises:
+        ValueError: the file is cut off or damaged, or too old to say where its grids end.
+        OSError: the file cannot be read.
+    """
+    source = _Source(path)
+    has_offsets, count = _read_header(source)
+    if not has_offsets:
+        raise source.error("does not say where its grids end; allowed: files with offsets")
+    names = []
+    for _ in range(count):
+        names.append(_read_name(source))
+        _type, _parent = source.string(), source.string()
+        *_, end = source.unpack("<qqq")
+        if not source.position <= end <= len(source.data):
+            raise source.error(f"damaged: grid {names[-1]!r} ends at byte {end} of {len(source.data)}")
+        source.position = end
+    return tuple(names)
+
+
+def _read_header(source: "_Source") -> tuple[bool, int]:
+    """Whether grids say where they are, and how many there are."""
     magic, version, _, _, has_offsets, _ = source.unpack(HEADER.format)
     if magic != MAGIC:
         raise source.error("not an OpenVDB file")
@@ -68,13 +102,7 @@ def read_vdb(path: str | os.PathLike, *, max_voxels: int = 512**3) -> dict[str, 
     (count,) = source.unpack("<i")
     if count < 0:
         raise source.error(f"number of grids is {count}; allowed: ≥ 0")
-    grids = {}
-    for _ in range(count):
-        grid = _read_grid(source, bool(has_offsets), max_voxels)
-        if grid.name in grids:
-            raise source.error("name occurs twice")
-        grids[grid.name] = grid
-    return grids
+    return bool(has_offsets), count
 
 
 class _Source:
@@ -135,8 +163,13 @@ class _Encoding:
             return np.frombuffer(data, "<f2" if self.half else "<f4").astype(np.float32).reshape(-1, self.components)
 
 
+def _read_name(source: _Source) -> str:
+    """A grid's name; OpenVDB numbers grids of one name behind a record separator."""
+    return source.string().replace("\x1e", " #")
+
+
 def _read_grid(source: _Source, has_offsets: bool, max_voxels: int) -> Grid:
-    name = source.string().replace("\x1e", " #")  # OpenVDB numbers grids of one name behind a record separator
+    name = _read_name(source)
     file, source.label = source.label, f"{source.label}: grid {name!r}"
     kind, parent = source.string(), source.string()
     start, leaf_start, end = source.unpack("<qqq")

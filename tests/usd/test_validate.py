@@ -1,0 +1,207 @@
+import numpy as np
+import pytest
+from pxr import Sdf, Usd, UsdShade
+from results import SET
+
+import warp_smoke as ws
+from warp_smoke.usd.material import VertexBakeResult
+from warp_smoke.usd.validate import validate_stage
+from warp_smoke.usd.write import write_results
+from warp_smoke.vdb import Grid, write_vdb
+
+DENSITY = "/World/Box_smoke/density"
+PICTURE = "/World/Looks/Floor_baked/lit"
+
+
+def problems_after(results, plant) -> list[tuple[str, str]]:
+    """Severity and place of what is found when a fault is planted in the results layer."""
+    layer = Sdf.Layer.FindOrOpen(str(results.root.with_name("set.results.usdc")))
+    stage = Usd.Stage.Open(str(results.root))
+    stage.SetEditTarget(layer)
+    plant(stage)
+    layer.Save()
+    return [(problem.severity, problem.where) for problem in validate_stage(results.root)]
+
+
+def test_results_are_clean(results):
+    """No validator has anything to say, not even a warning."""
+    assert validate_stage(results.root) == []
+
+
+def test_a_folder_of_results_is_clean(results):
+    """A folder stands for the stage in it."""
+    assert validate_stage(results.root.parent) == []
+
+
+def test_the_other_look_is_clean(results):
+    """The user's own look over the results is as good."""
+    stage = Usd.Stage.Open(str(results.root))
+    stage.GetDefaultPrim().GetVariantSet("smokeLook").SetVariantSelection("dcc")
+    stage.Save()
+    assert validate_stage(results.root) == []
+
+
+def test_a_stage_without_results_is_clean(set_stage):
+    """A user's stage can be checked before anything is run."""
+    assert validate_stage(set_stage) == []
+
+
+def test_light_at_points_is_clean(tmp_path, set_stage):
+    """Primvars and the look that reads them are as good as pictures, and so is a stage with no results at all."""
+    scene = ws.Scene.open(set_stage)
+    colors = {frame: np.random.default_rng(frame).random((4, 3), np.float32) for frame in scene.frames}
+    bake = VertexBakeResult(surface=scene.surfaces[0], bake="lit", values=colors)
+    assert validate_stage(write_results(tmp_path / "out", "set", scene, bakes=[bake])) == []
+    assert validate_stage(write_results(tmp_path / "empty", "set", scene)) == []
+
+
+def _set(path, value, time=None):
+    at = Usd.TimeCode.Default() if time is None else time
+    return lambda stage: stage.GetAttributeAtPath(path).Set(value, at)
+
+
+FAULTS = {
+    "volume file missing at one frame": (
+        _set(f"{DENSITY}.filePath", Sdf.AssetPath("./volumes/gone.vdb"), 6),
+        f"{DENSITY}.filePath",
+    ),
+    "gap in the frames": (
+        lambda stage: stage.GetAttributeAtPath(f"{DENSITY}.filePath").ClearAtTime(6),
+        f"{DENSITY}.filePath",
+    ),
+    "file between frames": (
+        _set(f"{DENSITY}.filePath", Sdf.AssetPath("./volumes/Box.0006.vdb"), 6.5),
+        f"{DENSITY}.filePath",
+    ),
+    "field that leads nowhere": (
+        lambda stage: stage.GetPrimAtPath("/World/Box_smoke").GetRelationship("field:vel").SetTargets(["/World/No"]),
+        "/World/Box_smoke.field:vel",
+    ),
+    "no extent": (lambda stage: stage.GetPrimAtPath("/World/Box_smoke").RemoveProperty("extent"), "/World/Box_smoke"),
+    "picture missing": (_set(f"{PICTURE}.inputs:file", Sdf.AssetPath("./gone.png")), f"{PICTURE}.inputs:file"),
+    "picture missing at one frame": (
+        _set(f"{PICTURE}.inputs:file", Sdf.AssetPath("./gone.png"), 6),
+        f"{PICTURE}.inputs:file",
+    ),
+    "bake missing": (
+        _set("/World/Floor.smokeBaked:smokeShadow", Sdf.AssetPath("./gone.png")),
+        "/World/Floor.smokeBaked:smokeShadow",
+    ),
+    "unknown token": (_set(f"{DENSITY}.fieldDataType", "halves"), f"{DENSITY}.fieldDataType"),
+    "unknown wrap mode": (_set(f"{PICTURE}.inputs:wrapS", "tile"), f"{PICTURE}.inputs:wrapS"),
+    "unknown smoke token": (
+        lambda stage: (
+            stage.GetPrimAtPath("/World/Box")
+            .CreateAttribute("smoke:grids", Sdf.ValueTypeNames.TokenArray, False, Sdf.VariabilityUniform)
+            .Set(["fire"])
+        ),
+        "/World/Box.smoke:grids",
+    ),
+    "unknown shader input": (
+        lambda stage: UsdShade.Shader.Get(stage, PICTURE).CreateInput("glow", Sdf.ValueTypeNames.Float).Set(1.0),
+        f"{PICTURE}.inputs:glow",
+    ),
+    "extent too small": (_set("/World/Floor.extent", [(0, 0, 0), (1, 1, 0)]), "/World/Floor.extent"),
+    "wrong type": (
+        lambda stage: Sdf.AttributeSpec(
+            stage.GetEditTarget().GetLayer().GetPrimAtPath("/World/Floor"), "doubleSided", Sdf.ValueTypeNames.String
+        ),
+        "/World/Floor.doubleSided",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_planted_fault_is_found(results, fault):
+    """Each kind of fault is an error at its place."""
+    plant, where = FAULTS[fault]
+    assert ("error", where) in problems_after(results, plant)
+
+
+def test_a_light_may_have_inputs_of_other_renderers(results):
+    """An input that UsdLux does not know is a warning, not an error."""
+
+    def plant(stage):
+        lamp = stage.DefinePrim("/World/Lamp", "SphereLight")
+        lamp.CreateAttribute("inputs:glow", Sdf.ValueTypeNames.Float).Set(1.0)
+
+    assert ("warning", "/World/Lamp.inputs:glow") in problems_after(results, plant)
+
+
+def test_fields_in_different_files_are_named(results):
+    """A renderer that reads one file finds only one of the fields."""
+    warned = problems_after(results, _set(f"{DENSITY}.filePath", Sdf.AssetPath("./volumes/Box.0007.vdb"), 5))
+    assert ("warning", "/World/Box_smoke") in warned
+
+
+@pytest.mark.parametrize("kind", ["lost grid", "noise"])
+def test_a_volume_file_is_looked_into(results, kind):
+    """A file without its grid, or that is no volume file at all, is an error."""
+    path = results.root.parent / "volumes/Box.0006.vdb"
+    if kind == "noise":
+        path.write_bytes(np.random.default_rng(0).bytes(1000))
+    else:
+        write_vdb(path, [Grid("density", np.ones((2, 2, 2), np.float32), voxel_size=1.0)])
+    found = [problem for problem in validate_stage(results.root) if problem.severity == "error"]
+    assert found
+    assert {problem.where for problem in found} == {str(path)}
+    if kind == "lost grid":
+        assert any("has no grid vel" in problem.message for problem in found)
+
+
+def test_value_clips_are_refused(results):
+    """Files that come from value clips play in no Blender."""
+
+    def plant(stage):
+        field = stage.GetPrimAtPath(DENSITY)
+        field.RemoveProperty("filePath")
+        clip = Sdf.Layer.CreateNew(str(results.root.with_name("clip.usda")))
+        Sdf.CreatePrimInLayer(clip, "/density")
+        files = Sdf.AttributeSpec(clip.GetPrimAtPath("/density"), "filePath", Sdf.ValueTypeNames.Asset)
+        clip.SetTimeSample(files.path, 5, Sdf.AssetPath("./volumes/Box.0005.vdb"))
+        clip.Save()
+        clips = Usd.ClipsAPI(field)
+        clips.SetClipAssetPaths([Sdf.AssetPath("./clip.usda")])
+        clips.SetClipPrimPath("/density")
+        clips.SetClipActive([(5, 0)])
+        clips.SetClipTimes([(5, 5), (7, 5)])
+        clips.SetClipManifestAssetPath(Sdf.AssetPath("./clip.usda"))
+
+    assert ("error", f"{DENSITY}.filePath") in problems_after(results, plant)
+
+
+def test_a_tiled_picture_needs_a_tile(tmp_path, set_stage):
+    """`<UDIM>` stands for the tiles that are there, and is an error if there are none."""
+    set_stage.write_text(
+        SET.replace(
+            'def Shader "Surface"',
+            """def Shader "Tiles"
+            {
+                uniform token info:id = "UsdUVTexture"
+                asset inputs:file = @./wood.<UDIM>.png@
+            }
+
+            def Shader "Surface\"""",
+        )
+    )
+    where = "/World/Looks/Grey/Tiles.inputs:file"
+    assert where in [problem.where for problem in validate_stage(set_stage)]
+    (set_stage.parent / "wood.1001.png").touch()
+    assert where not in [problem.where for problem in validate_stage(set_stage)]
+
+
+def test_what_the_reader_refuses_is_an_error(set_stage):
+    """A value that the scene may not have is found before anything is run."""
+    set_stage.write_text(SET.replace("int smoke:resolution = 8", "int smoke:resolution = -8"))
+    (found,) = validate_stage(set_stage)
+    assert found.severity == "error"
+    assert "smoke:resolution" in found.message
+
+
+def test_noise_is_not_a_stage(tmp_path):
+    """A file that USD cannot read is one error; a file that is not there is bad input."""
+    path = tmp_path / "noise.usda"
+    path.write_bytes(np.random.default_rng(0).bytes(1000))
+    assert [problem.severity for problem in validate_stage(path)] == ["error"]
+    with pytest.raises(ValueError, match="no such file"):
+        validate_stage(tmp_path / "gone.usda")

@@ -1,0 +1,174 @@
+"""Baked lighting as a look: materials that show it, and one switch between it and the user's own materials.
+
+Each receiver of a `lit` bake gets a `UsdPreviewSurface` that only emits the picture: it is the final look, so no light
+of the DCC may add to it. A collection inside the variant `baked` of the variant set `smokeLook`, on the default prim,
+binds it; the variant `dcc` is empty and shows the stage as the user made it. The collection sits on an ancestor and is
+stronger than descendants, because a direct binding in a variant would be weaker than the user's own.
+
+Every picture is also named on its receiver, `asset smokeBaked:<bake>`, where a script or a shader network finds it. A
+mesh without UVs carries primvars instead: `smokeLit`, `smokeVisibility`, `smokeShadow`.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
+
+from warp_smoke.record import FieldError, Record, one_of
+from warp_smoke.scene import BAKES, Surface
+from warp_smoke.usd.prims import check_frames, editable, free_path, set_over_time, uv_primvar
+
+VARIANT_SET = "smokeLook"
+BAKED_NAMESPACE = "smokeBaked"
+VERTEX_PRIMVARS = {"lit": "smokeLit", "visibility": "smokeVisibility", "smokeShadow": "smokeShadow"}
+_PURPOSES = (UsdShade.Tokens.allPurpose, UsdShade.Tokens.preview, UsdShade.Tokens.full)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BakeResult(Record):
+    """The pictures of one bake of a mesh with UVs.
+
+    Attributes:
+        surface: the receiver.
+        bake: lit (sRGB), visibility or smokeShadow (raw).
+        files: path of the picture relative to the results layer (`./textures/…`); for each frame where it changes.
+    """
+
+    surface: Surface
+    bake: str
+    files: Mapping[int, str] | str
+
+    def __post_init__(self):
+        one_of(self.surface.path, "bake", self.bake, BAKES)
+        check_frames(self.surface.path, "files", self.files)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VertexBakeResult(Record):
+    """One bake at the points of a mesh without UVs.
+
+    Attributes:
+        surface: the receiver.
+        bake: lit, visibility or smokeShadow.
+        values: at each point, linear RGB [n, 3] for lit, else shares [n]; for each frame where they change.
+    """
+
+    surface: Surface
+    bake: str
+    values: Mapping[int, np.ndarray] | np.ndarray
+
+    def __post_init__(self):
+        one_of(self.surface.path, "bake", self.bake, BAKES)
+        check_frames(self.surface.path, "values", self.values)
+        count = len(self.surface.mesh.points_at(0.0))
+        shape = (count, 3) if self.bake == "lit" else (count,)
+        for values in self.values.values() if isinstance(self.values, Mapping) else [self.values]:
+            if values.shape != shape:
+                raise FieldError(self.surface.path, "values", f"of shape {values.shape}", f"{shape} for {self.bake}")
+
+
+def define_bakes(stage: Usd.Stage, bakes: Iterable[BakeResult | VertexBakeResult]) -> None:
+    """Authors what was baked, and the looks that show it, in the stage's edit target."""
+    for bake in bakes:
+        receiver = editable(stage, bake.surface.path)
+        if isinstance(bake, VertexBakeResult):
+            _define_primvar(receiver, bake)
+        else:
+            _define_pictures(receiver, bake)
+
+
+def _define_pictures(receiver: Usd.Prim, bake: BakeResult) -> None:
+    attribute = receiver.CreateAttribute(f"{BAKED_NAMESPACE}:{bake.bake}", Sdf.ValueTypeNames.Asset, True)
+    set_over_time(attribute, bake.files)
+    if bake.bake != "lit":
+        return
+    material = _define_emitter(receiver)
+    uv = _define_shader(material, "st", "UsdPrimvarReader_float2")
+    uv.CreateInput("varname", Sdf.ValueTypeNames.String).Set(_uv_name(receiver))
+    picture = _define_shader(material, "lit", "UsdUVTexture")
+    set_over_time(picture.CreateInput("file", Sdf.ValueTypeNames.Asset).GetAttr(), bake.files)
+    picture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("sRGB")
+    for wrap in ("wrapS", "wrapT"):
+        picture.CreateInput(wrap, Sdf.ValueTypeNames.Token).Set("clamp")
+    picture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(
+        uv.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    )
+    _emit(material, picture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3))
+    _bind(receiver, material)
+
+
+def _define_primvar(receiver: Usd.Prim, bake: VertexBakeResult) -> None:
+    lit = bake.bake == "lit"
+    name = VERTEX_PRIMVARS[bake.bake]
+    value_type = Sdf.ValueTypeNames.Color3fArray if lit else Sdf.ValueTypeNames.FloatArray
+    primvar = UsdGeom.PrimvarsAPI(receiver).CreatePrimvar(name, value_type, UsdGeom.Tokens.vertex)
+    set_over_time(primvar.GetAttr(), bake.values)
+    if not lit:
+        return
+    material = _define_emitter(receiver)
+    reader = _define_shader(material, "lit", "UsdPrimvarReader_float3")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(name)
+    _emit(material, reader.CreateOutput("result", Sdf.ValueTypeNames.Float3))
+    _bind(receiver, material)
+
+
+def _uv_name(mesh: Usd.Prim) -> str:
+    """The name of a mesh's texture coordinates."""
+    primvar = uv_primvar(mesh)
+    if primvar is None:
+        raise ValueError(f"{mesh.GetPath()}: has baked pictures but no texture coordinates to show them with")
+    return primvar.GetPrimvarName()
+
+
+def _define_emitter(receiver: Usd.Prim) -> UsdShade.Material:
+    """A new material `Looks/<Receiver>_baked` under the receiver's root prim, with a surface that reflects nothing."""
+    stage = receiver.GetStage()
+    looks = stage.GetPrimAtPath(_root(receiver).GetPath().AppendChild("Looks"))
+    if not looks:
+        looks = UsdGeom.Scope.Define(stage, _root(receiver).GetPath().AppendChild("Looks")).GetPrim()
+    material = UsdShade.Material.Define(stage, free_path(looks, f"{receiver.GetName()}_baked"))
+    surface = _define_shader(material, "Surface", "UsdPreviewSurface")
+    black = Gf.Vec3f(0.0)
+    surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(black)
+    surface.CreateInput("useSpecularWorkflow", Sdf.ValueTypeNames.Int).Set(1)
+    surface.CreateInput("specularColor", Sdf.ValueTypeNames.Color3f).Set(black)
+    surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(1.0)
+    material.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
+    return material
+
+
+def _emit(material: UsdShade.Material, color: UsdShade.Output) -> None:
+    surface, _, _ = material.ComputeSurfaceSource()
+    surface.CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(color)
+
+
+def _define_shader(material: UsdShade.Material, name: str, identifier: str) -> UsdShade.Shader:
+    shader = UsdShade.Shader.Define(material.GetPrim().GetStage(), material.GetPath().AppendChild(name))
+    shader.CreateIdAttr(identifier)
+    return shader
+
+
+def _bind(receiver: Usd.Prim, material: UsdShade.Material) -> None:
+    """Binds a material in the variant `baked`, for each purpose in which the user's own would still be seen."""
+    root = _root(receiver)
+    variants = root.GetVariantSets().AddVariantSet(VARIANT_SET)
+    for variant in ("dcc", "baked"):
+        variants.AddVariant(variant)
+        variants.SetVariantSelection(variant)
+    name = material.GetPrim().GetName()
+    api = UsdShade.MaterialBindingAPI.Apply(root)
+    collection = Usd.CollectionAPI.Apply(root, name)
+    collection.IncludePath(receiver.GetPath())
+    subsets = UsdShade.MaterialBindingAPI(receiver).GetMaterialBindSubsets()
+    parts = [receiver, *(subset.GetPrim() for subset in subsets)]
+    with variants.GetVariantEditContext():
+        for purpose in _PURPOSES:
+            bound, _ = UsdShade.MaterialBindingAPI.ComputeBoundMaterials(parts, purpose)
+            if any(each.GetPath() != material.GetPath() for each in bound):
+                api.Bind(collection, material, name, UsdShade.Tokens.strongerThanDescendants, purpose)
+
+
+def _root(prim: Usd.Prim) -> Usd.Prim:
+    """The root prim above (or at) a prim: the default prim on a stage made to be referenced."""
+    return prim.GetStage().GetPrimAtPath(prim.GetPath().GetPrefixes()[0])

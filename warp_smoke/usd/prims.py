@@ -1,0 +1,70 @@
+"""Finding, freeing and animating prims while results are authored over a user's stage."""
+
+from collections.abc import Mapping
+
+from pxr import Sdf, Usd, UsdGeom
+
+from warp_smoke.record import FieldError
+
+PAIRS = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]", "double2[]", "half2[]")
+
+
+def editable(stage: Usd.Stage, path: str) -> Usd.Prim:
+    """The prim at a path, with every native instance around it made single, so that it can carry its own results.
+
+    Raises:
+        ValueError: there is no such prim.
+    """
+    prim = stage.GetPrimAtPath(path)
+    if not prim:
+        raise ValueError(f"{path}: no such prim on the stage, so it cannot be given results")
+    while prim.IsInstanceProxy():
+        instance = prim.GetParent()
+        while instance.IsInstanceProxy():
+            instance = instance.GetParent()
+        instance.SetInstanceable(False)
+        prim = stage.GetPrimAtPath(path)
+    return prim
+
+
+def free_path(parent: Usd.Prim, name: str) -> Sdf.Path:
+    """A path for a new child: its name, or with _2, _3, … where that is taken."""
+    path = parent.GetPath().AppendChild(name)
+    number = 2
+    while parent.GetStage().GetPrimAtPath(path):
+        path = parent.GetPath().AppendChild(f"{name}_{number}")
+        number += 1
+    return path
+
+
+def check_frames(path: str, field: str, value: object) -> None:
+    """Raises FieldError where a value for each frame has a frame that is not whole, a gap, or no frame at all."""
+    if not isinstance(value, Mapping):
+        return
+    frames = sorted(value)
+    if not frames or frames != list(range(int(frames[0]), int(frames[0]) + len(frames))):
+        raise FieldError(path, field, f"for frames {frames}", "whole frames without gaps, at least one")
+
+
+def set_over_time(attribute: Usd.Attribute, value: object) -> None:
+    """Sets one value, or a mapping's value for each frame and its last one as the default.
+
+    The default is what readers see that know no time. The last frame, because smoke grows: a still picture of the
+    first would show none.
+    """
+    if not isinstance(value, Mapping):
+        attribute.Set(value)
+        return
+    for frame in sorted(value):
+        attribute.Set(value[frame], frame)
+    attribute.Set(value[max(value)])
+
+
+def uv_primvar(mesh: Usd.Prim) -> UsdGeom.Primvar | None:
+    """A mesh's texture coordinates: the primvar `st`, else the first with pairs of numbers, None if there is none."""
+    primvars = [
+        primvar
+        for primvar in UsdGeom.PrimvarsAPI(mesh).FindPrimvarsWithInheritance()
+        if primvar.HasValue() and str(primvar.GetTypeName()) in PAIRS
+    ]
+    return next((one for one in primvars if one.GetPrimvarName() == "st"), primvars[0] if primvars else None)

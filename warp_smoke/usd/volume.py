@@ -1,0 +1,163 @@
+"""Smoke as DCCs read it: a `.vdb` file for each frame, and a `UsdVol.Volume` prim that names them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import takewhile
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdVol, Vt
+
+from warp_smoke.lattice import Lattice
+from warp_smoke.record import Record, one_of
+from warp_smoke.scene import GRIDS, SmokeDomain
+from warp_smoke.usd.prims import check_frames, editable, free_path, set_over_time
+from warp_smoke.vdb import Grid, write_vdb
+
+# Names that Blender, Houdini and Karma know.
+GRID_NAMES = {"density": "density", "temperature": "temperature", "velocity": "vel"}
+# Voxels that dim light by less than this are left out: along 100 of them that makes 0.0001.
+FAINTEST = 1e-6
+# Velocity is kept this far around the smoke [voxels], for motion blur to reach into.
+VELOCITY_MARGIN = 2
+# Air that differs from the ambient temperature by less than this share of the hottest (or coldest) is left out.
+TEMPERATURE_SHARE = 1e-3
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VolumeResult(Record):
+    """The volume files of one domain.
+
+    Attributes:
+        domain: whose smoke it is.
+        lattice: where its voxels lie.
+        grids: fields in the files: density, temperature, velocity.
+        files: path of each frame's `.vdb`, relative to the results layer (`./volumes/…`); frames without gaps, since
+            DCCs number them through.
+    """
+
+    domain: SmokeDomain
+    lattice: Lattice
+    grids: tuple[str, ...]
+    files: Mapping[int, str]
+
+    def __post_init__(self):
+        for token in self.grids:
+            one_of(self.domain.path, "grids", token, GRIDS)
+        check_frames(self.domain.path, "files", self.files)
+
+
+def write_volume(
+    path: Path,
+    domain: SmokeDomain,
+    lattice: Lattice,
+    density: np.ndarray | None,
+    temperature: np.ndarray | None,
+    velocity: np.ndarray | None,
+    threads: int = 1,
+) -> int:
+    """Writes one frame's smoke to a `.vdb` file, whole or not at all.
+
+    The file is in lattice space: voxel (i, j, k) has its centre at (i + ½, j + ½, k + ½) · voxel_size. Velocities are
+    along the lattice's axes in stage units for each second of the stage, since renderers turn them with the prim.
+
+    Args:
+        path: the file; its folder must exist.
+        domain: gives density_scale, time_scale, extinction and ambient_temperature.
+        lattice: the domain's cells.
+        density: [nx, ny, nz] float32 at cell centres, or None to leave it out.
+        temperature: likewise.
+        velocity: [nx, ny, nz, 3] float32 at cell centres, along the lattice's axes [m/s], or None.
+        threads: threads that compress.
+
+    Returns:
+        Size of the file [bytes].
+    """
+    h = lattice.voxel_size
+    place = {"voxel_size": h, "translation": (h / 2,) * 3}
+    grids = []
+    smoky = None
+    if density is not None:
+        smoky = density * (domain.extinction * lattice.h) > FAINTEST if domain.extinction else density > 0
+        scaled = density * np.float32(domain.density_scale)
+        grids.append(Grid(GRID_NAMES["density"], scaled, active=smoky, **place))
+    if temperature is not None:
+        ambient = domain.ambient_temperature
+        difference = np.abs(temperature - np.float32(ambient))
+        warm = difference > TEMPERATURE_SHARE * difference.max()
+        grids.append(Grid(GRID_NAMES["temperature"], temperature, background=ambient, active=warm, **place))
+    if velocity is not None:
+        near = None if smoky is None else _grown(smoky, VELOCITY_MARGIN)
+        scaled = velocity * np.float32(domain.time_scale / lattice.meters_per_unit)
+        kind = {"grid_class": "unknown", "vector_type": "contravariant relative"}
+        grids.append(Grid(GRID_NAMES["velocity"], scaled, active=near, **kind, **place))
+    return write_vdb(path, grids, threads=threads)
+
+
+def _grown(mask: np.ndarray, cells: int) -> np.ndarray:
+    """The mask [nx, ny, nz] with every cell at most so many cells away along each axis added."""
+    grown = mask.copy()
+    for axis in range(3):
+        along = np.moveaxis(grown, axis, 0)
+        for _ in range(cells):
+            before = along.copy()
+            along[1:] |= before[:-1]
+            along[:-1] |= before[1:]
+    return grown
+
+
+def define_volume(stage: Usd.Stage, result: VolumeResult) -> UsdVol.Volume:
+    """Authors the volume of a domain in the stage's edit target.
+
+    The domain's own prim is used where it is a Volume at rest, else `<Domain>_smoke` beside it (or beside the nearest
+    of its ancestors that stands still); a box that marks the domain is then no longer drawn. The lattice's place is
+    written relative to the parent: Blender ignores `!resetXformStack!`.
+    """
+    domain = editable(stage, result.domain.path)
+    parent = _resting_parent(domain)
+    if domain.IsA(UsdVol.Volume) and parent == domain.GetParent():
+        volume = UsdVol.Volume(domain)
+    else:
+        volume = UsdVol.Volume.Define(stage, free_path(parent, f"{domain.GetName()}_smoke"))
+        if domain.IsA(UsdGeom.Gprim):
+            UsdGeom.Imageable(domain).CreatePurposeAttr(UsdGeom.Tokens.guide)
+
+    lattice = result.lattice
+    parent_to_world = UsdGeom.XformCache(min(result.files)).GetLocalToWorldTransform(parent)
+    operation = UsdGeom.XformOp(
+        volume.GetPrim().CreateAttribute("xformOp:transform:lattice", Sdf.ValueTypeNames.Matrix4d, False)
+    )
+    operation.Set(Gf.Matrix4d(lattice.to_world.tolist()) * parent_to_world.GetInverse())
+    volume.SetXformOpOrder([operation])
+    upper = [n * lattice.voxel_size for n in lattice.shape]
+    volume.CreateExtentAttr(Vt.Vec3fArray([Gf.Vec3f(0.0), Gf.Vec3f(upper)]))
+    for token in result.grids:
+        _define_field(volume, token, result.files)
+    return volume
+
+
+def _define_field(volume: UsdVol.Volume, token: str, files: Mapping[int, str]) -> None:
+    name = GRID_NAMES[token]
+    field = UsdVol.OpenVDBAsset.Define(volume.GetPrim().GetStage(), volume.GetPath().AppendChild(name))
+    volume.CreateFieldRelationship(name, field.GetPath())
+    field.CreateFieldNameAttr(name)
+    if token == "velocity":
+        field.CreateFieldDataTypeAttr("half3")
+        field.CreateVectorDataRoleHintAttr("Vector")
+    else:
+        field.CreateFieldDataTypeAttr("half")
+        field.CreateFieldClassAttr("fogVolume")
+    set_over_time(field.CreateFilePathAttr(), files)
+
+
+def _resting_parent(prim: Usd.Prim) -> Usd.Prim:
+    """The nearest ancestor under which a volume can stand still: it and all above it neither move nor are gprims."""
+    prefixes = prim.GetPath().GetParentPath().GetPrefixes()
+    ancestors = map(prim.GetStage().GetPrimAtPath, prefixes)
+    resting = list(takewhile(_rests, ancestors))
+    return resting[-1] if resting else prim.GetStage().GetPseudoRoot()
+
+
+def _rests(prim: Usd.Prim) -> bool:
+    moves = UsdGeom.Xformable(prim) and UsdGeom.Xformable(prim).TransformMightBeTimeVarying()
+    return not moves and not prim.IsA(UsdGeom.Gprim)

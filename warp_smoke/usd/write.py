@@ -1,0 +1,131 @@
+"""The stage that a run leaves behind: a root layer over a layer of results over the user's own stage."""
+
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pxr import Sdf, Usd
+
+from warp_smoke.files import replacing
+from warp_smoke.scene import Scene
+from warp_smoke.usd.author import author_scene
+from warp_smoke.usd.material import BakeResult, VertexBakeResult, define_bakes
+from warp_smoke.usd.volume import VolumeResult, define_volume
+
+RESULTS_SUFFIX = ".results.usdc"
+# What USD reads from a stage's root layer alone, so that it would be lost under a new one.
+_ROOT_METADATA = (
+    "defaultPrim",
+    "upAxis",
+    "metersPerUnit",
+    "kilogramsPerUnit",
+    "framesPerSecond",
+    "startTimeCode",
+    "endTimeCode",
+    "colorConfiguration",
+    "colorManagementSystem",
+    "expressionVariables",
+    "renderSettingsPrimPath",
+)
+
+
+def write_results(
+    folder: str | Path,
+    name: str,
+    scene: Scene,
+    volumes: Iterable[VolumeResult] = (),
+    bakes: Iterable[BakeResult | VertexBakeResult] = (),
+) -> Path:
+    """Writes the layers that join the files of a run to the user's stage.
+
+    `name.usda`, the stage to open, sublayers `name.results.usdc` over the user's stage, which stays as it is. A scene
+    made in Python is first written as `name.scene.usdc`. Equal results give equal bytes, and no layer is ever seen
+    half written.
+
+    Args:
+        folder: holds the layers, and the files that volumes and bakes name relative to it.
+        name: of the layers.
+        scene: what was run.
+        volumes: one for each domain.
+        bakes: one for each picture of a receiver.
+
+    Returns:
+        Path of the root layer.
+
+    Raises:
+        ValueError: a layer would overwrite the user's stage, or a prim with results is not on it.
+    """
+    folder = Path(folder)
+    root_path, results_path = folder / f"{name}.usda", folder / f"{name}{RESULTS_SUFFIX}"
+    source = scene.source or folder / f"{name}.scene.usdc"
+    for path in (root_path, results_path):
+        if path.exists() and source.exists() and path.samefile(source):
+            raise ValueError(f"{path} is the scene's own stage; allowed: another output folder or name")
+    folder.mkdir(parents=True, exist_ok=True)
+    if scene.source is None:
+        with _replacing_layer(source) as partial:
+            author_scene(scene, partial)
+
+    below = Sdf.Layer.FindOrOpen(str(source))
+    results = Sdf.Layer.CreateAnonymous(".usdc")
+    over = Sdf.Layer.CreateAnonymous(".usda")
+    for layer in (results, over):
+        _set_metadata(layer, below, scene)
+    over.subLayerPaths = [results.identifier, below.identifier]
+    stage = Usd.Stage.Open(over)
+    stage.SetEditTarget(results)
+    for volume in volumes:
+        define_volume(stage, volume)
+    define_bakes(stage, bakes)
+
+    root = Sdf.Layer.CreateAnonymous(".usda")
+    _set_metadata(root, below, scene)
+    root.subLayerPaths = [f"./{results_path.name}", _relative(source, folder)]
+    for path, layer in ((results_path, results), (root_path, root)):
+        with _replacing_layer(path) as partial:
+            layer.Export(str(partial))
+    return root_path
+
+
+@contextmanager
+def _replacing_layer(path: Path) -> Iterator[Path]:
+    """Like `replacing`; stages that are open in this process then show the new layer."""
+    with replacing(path) as partial:
+        yield partial
+    layer = Sdf.Layer.Find(str(path))
+    if layer:
+        layer.Reload(force=True)
+
+
+def find_stage(path: str | Path) -> Path:
+    """The stage that a path names: the file itself, or the root layer in a folder of results.
+
+    Raises:
+        ValueError: there is no such file, or the folder holds no results or those of several runs.
+    """
+    path = Path(path)
+    if path.is_file():
+        return path
+    roots = [Path(f"{results}".removesuffix(RESULTS_SUFFIX) + ".usda") for results in path.glob(f"*{RESULTS_SUFFIX}")]
+    if len(roots) != 1:
+        found = ", ".join(sorted(root.name for root in roots)) or "none"
+        raise ValueError(f"{path}: no such file, nor a folder with the results of one run; found: {found}")
+    return roots[0]
+
+
+def _set_metadata(layer: Sdf.Layer, source: Sdf.Layer, scene: Scene) -> None:
+    """Copies what the source's root layer says of the stage; its axis, unit and times are the scene's if unset."""
+    layer.pseudoRoot.SetInfo("upAxis", scene.up_axis)
+    layer.pseudoRoot.SetInfo("metersPerUnit", scene.meters_per_unit)
+    layer.startTimeCode, layer.endTimeCode = scene.start, scene.end
+    for key in _ROOT_METADATA:
+        if source.pseudoRoot.HasInfo(key):
+            layer.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
+    layer.timeCodesPerSecond = source.timeCodesPerSecond
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """The path relative to the folder, as USD wants it: with / and a leading dot."""
+    relative = Path(os.path.relpath(path.absolute(), folder.absolute())).as_posix()
+    return relative if relative.startswith("../") else f"./{relative}"
