@@ -71,6 +71,13 @@ def test_replay_takes_new_arguments(launcher):
     np.testing.assert_array_equal(other.numpy(), 6.0)
 
 
+@pytest.mark.parametrize("name", ["gpu", "cuda:99"])
+def test_unknown_device(name):
+    """A device that is not there is named with those that are."""
+    with pytest.raises(ValueError, match=f"device is {name}; allowed here: cpu"):
+        Launcher(name)
+
+
 def test_counts_launches_and_bytes(device):
     """Every launch and every byte is counted by name, and an empty launch does nothing."""
     launcher = Launcher(device, 2)

@@ -18,6 +18,7 @@ import sys
 import tempfile
 import threading
 from collections import Counter
+from functools import cache
 from itertools import pairwise
 from queue import SimpleQueue
 
@@ -61,6 +62,7 @@ def bits(x: float):
     return wp.cast(x, wp.int32)
 
 
+@cache
 def _start_warp() -> None:
     """Starts Warp without its complaint that there is no CUDA driver, which is no news on a machine without a GPU.
 
@@ -126,6 +128,9 @@ class _Recorded:
 class Launcher:
     """Launches kernels on one device, allocates there, and counts both.
 
+    Raises:
+        ValueError: there is no such device.
+
     Attributes:
         device: the Warp device.
         threads: CPU threads (1 on CUDA).
@@ -135,7 +140,11 @@ class Launcher:
 
     def __init__(self, device: str = "cpu", threads: int | None = None):
         _start_warp()
-        self.device = wp.get_device(device)
+        try:
+            self.device = wp.get_device(device)
+        except (ValueError, RuntimeError):
+            allowed = ", ".join(each.alias for each in wp.get_devices())
+            raise ValueError(f"device is {device}; allowed here: {allowed}") from None
         available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
         self.threads = max(1, threads or available) if self.device.is_cpu else 1
         self.launches, self.allocated = Counter(), Counter()
