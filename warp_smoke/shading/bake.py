@@ -81,19 +81,20 @@ class ReceiverBake:
         self._material = material = surface.material or Material()
         self.map, warnings = map_surface(launcher, surface, origin)
         count = self.map.count
+        by_light = (len(self._lights), max(count, 1))  # Warp takes no row of an empty array
         self._sources, self._eye = [None] * len(self._lights), None
 
         self._radiance = self._weights = None
         if "lit" in bakes:
             self._diffuse = launcher.array(diffuse_colors(material, self.map.uvs, count), "bake", dtype=wp.vec3)
-            self._radiance = launcher.zeros((len(self._lights), count), "bake", dtype=wp.vec3)
+            self._radiance = launcher.zeros(by_light, "bake", dtype=wp.vec3)
             self._lit = launcher.zeros(count, "bake", dtype=wp.vec3)
             if camera is None:
                 warnings += (f"{surface.path}: no camera to see highlights from; the bake has diffuse light only",)
             if material.diffuse_texture is not None and self.map.uvs is None:
                 warnings += (f"{surface.path}: the texture of {material.path} has no coordinates; its colour is used",)
         if "visibility" in bakes or "smokeShadow" in bakes:
-            self._weights = launcher.zeros((len(self._lights), count), "bake")
+            self._weights = launcher.zeros(by_light, "bake")
             self._shares = launcher.zeros(count, "bake")
         self._ambient, self._emissive = wp.vec3(*ambient), wp.vec3(*material.emissive_color)
         self._visibility, self._visibility_row, self.visibility = self._shares_by_light(shadowed)
@@ -103,7 +104,7 @@ class ReceiverBake:
     def _shares_by_light(self, paths: Collection[str]) -> tuple[wp.array, wp.array, dict[str, wp.array]]:
         """Ones for the lights named, [lights named, n], the row of each light there or −1, and the rows by path."""
         named = [light.path for light in self._lights if light.path in paths]
-        shares = self._launcher.array(np.ones((len(named), self.map.count), np.float32), "bake")
+        shares = self._launcher.array(np.ones((len(named), max(self.map.count, 1)), np.float32), "bake")
         row = [named.index(light.path) if light.path in named else -1 for light in self._lights]
         rows = {path: shares[k] for k, path in enumerate(named)}
         return shares, self._launcher.array(np.array(row, np.int32), "bake"), rows

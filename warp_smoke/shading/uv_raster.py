@@ -49,7 +49,9 @@ def cover_texels(uvs: np.ndarray, size: int) -> Coverage:
     shown = np.full(size * size, -1, np.int32)
     triangle, texel = _fill(*_rows_of_centres(corners, size), size)
     shown[texel[::-1]] = triangle[::-1]  # the last of several writes stays: the first triangle's
-    overlapping = int(np.count_nonzero(np.bincount(texel, minlength=1) > 1))
+    overlapping = 0
+    if len(texel) > np.count_nonzero(shown >= 0):
+        overlapping = int(np.count_nonzero(np.unique_counts(texel).counts > 1))
     border, triangle, border_weights = _nearest_triangles(corners, shown, size)
     shown[border] = triangle
 
