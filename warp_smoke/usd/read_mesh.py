@@ -13,6 +13,7 @@ from warp_smoke.geometry import Mesh, corner_normals, normalized
 from warp_smoke.record import FieldError, Samples, one_of, positive
 from warp_smoke.scene import AXES
 from warp_smoke.usd.names import MESH
+from warp_smoke.usd.prims import uv_primvar
 from warp_smoke.usd.reader import StageReader
 from warp_smoke.usd.triangulate import triangulate
 
@@ -136,15 +137,10 @@ def _unit(normals: np.ndarray, points: np.ndarray, triangles: np.ndarray) -> np.
 def _read_uvs(
     reader: StageReader, mesh: UsdGeom.Mesh, each_corner: Callable[[np.ndarray, str], np.ndarray | None]
 ) -> np.ndarray | None:
-    """Texture coordinates at the triangles' corners [m, 3, 2]: the primvar `st`, else the first pair of numbers."""
-    primvars = [
-        primvar
-        for primvar in UsdGeom.PrimvarsAPI(mesh).FindPrimvarsWithInheritance()
-        if primvar.HasValue() and str(primvar.GetTypeName()) in PAIRS
-    ]
-    if not primvars:
+    """Texture coordinates at the triangles' corners, [m, 3, 2]."""
+    primvar = uv_primvar(mesh.GetPrim())
+    if primvar is None:
         return None
-    primvar = next((one for one in primvars if one.GetPrimvarName() == "st"), primvars[0])
     values = _array(primvar.ComputeFlattened(reader.start), np.float32).reshape(-1, 2)
     uvs = each_corner(values, primvar.GetInterpolation())
     if uvs is None:
@@ -206,4 +202,3 @@ GPRIMS = {
     "Capsule": _read_capsule,
     "Plane": _read_plane,
 }
-PAIRS = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]", "double2[]", "half2[]")
