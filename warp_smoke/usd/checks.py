@@ -170,9 +170,8 @@ def _check_grids(field: UsdVol.OpenVDBAsset, grid_names: Callable[[str], tuple[s
             yield Problem("error", path, str(error).removeprefix(f"{path}: "))
             continue
         if name not in names:
-            yield Problem(
-                "error", path, f"has no grid {name}, which {field.GetPath()} reads; it has {', '.join(names)}"
-            )
+            message = f"has no grid {name}, which {field.GetPath()} reads; it has {', '.join(names)}"
+            yield Problem("error", path, message)
 
 
 def _check_extent(boundable: UsdGeom.Boundable) -> Iterator[Problem]:

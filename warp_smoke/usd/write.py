@@ -107,11 +107,11 @@ def find_stage(path: str | Path) -> Path:
     path = Path(path)
     if path.is_file():
         return path
-    roots = [Path(f"{results}".removesuffix(RESULTS_SUFFIX) + ".usda") for results in path.glob(f"*{RESULTS_SUFFIX}")]
-    if len(roots) != 1:
-        found = ", ".join(sorted(root.name for root in roots)) or "none"
+    names = [results.name.removesuffix(RESULTS_SUFFIX) for results in path.glob(f"*{RESULTS_SUFFIX}")]
+    if len(names) != 1:
+        found = ", ".join(sorted(names)) or "none"
         raise ValueError(f"{path}: no such file, nor a folder with the results of one run; found: {found}")
-    return roots[0]
+    return path / f"{names[0]}.usda"
 
 
 def _set_metadata(layer: Sdf.Layer, source: Sdf.Layer, scene: Scene) -> None:
