@@ -5,8 +5,8 @@ does not pay. No active tiles are made: every active voxel lies in a leaf.
 """
 
 import os
-from collections.abc import Iterable, Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
@@ -17,6 +17,7 @@ from uuid import UUID
 
 import numpy as np
 
+from warp_smoke.files import replacing
 from warp_smoke.record import FieldError, one_of, whole
 from warp_smoke.vdb.deflate import deflate_leaves
 from warp_smoke.vdb.grid import INDEX_MAX, INDEX_MIN, Grid
@@ -72,27 +73,18 @@ def write_vdb(path: str | os.PathLike, grids: Iterable[Grid], *, compression: st
     body = [pack("<Ii", 0, len(grids))]  # no file metadata
     position = HEADER.size + len(body[0])
     with ThreadPoolExecutor(threads) as pool:
+        run = pool.map if threads > 1 else map
         for grid in grids:
-            record = _grid_record(grid, position, compression == "zip", pool)
+            record = _grid_record(grid, position, compression == "zip", run)
             body += record
             position += sum(map(len, record))
     digest = sha256()
     for part in body:
         digest.update(part)
     uuid = str(UUID(bytes=digest.digest()[:16])).encode()
-    _replace_file(path, [HEADER.pack(MAGIC, FILE_VERSION, *LIBRARY_VERSION, True, uuid), *body])
+    with replacing(path) as partial_path, partial_path.open("wb") as file:
+        file.writelines([HEADER.pack(MAGIC, FILE_VERSION, *LIBRARY_VERSION, True, uuid), *body])
     return position
-
-
-def _replace_file(path: Path, parts: list[bytes]) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.writelines(parts)
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 @dataclass(frozen=True)
@@ -118,10 +110,10 @@ class _Leaves:
         return values.reshape(-1, *values.shape[4:]).compress(self.masks[chosen].ravel(), axis=0)
 
 
-def _active_leaves(grid: Grid, pool: Executor) -> _Leaves:
+def _active_leaves(grid: Grid, run: Callable) -> _Leaves:
     start = -(grid.origin[0] % LEAF)
     layers = [slice(max(i, 0), i + LEAF) for i in range(start, grid.shape[0] or 1, LEAF)]
-    found = list(pool.map(partial(_leaves_in_layer, grid), layers))
+    found = list(run(partial(_leaves_in_layer, grid), layers))
     position, masks = (np.concatenate(parts) for parts in zip(*found, strict=True))
     root, upper = position // (UPPER * LOWER), position // LOWER
     order = np.lexsort((slots(position % LOWER, LOWER), slots(upper % UPPER, UPPER), *root.T[::-1]))
@@ -170,12 +162,12 @@ def _in_blocks(dense: np.ndarray, origin: tuple[int, int, int]) -> np.ndarray:
     return np.ascontiguousarray(dense).reshape(shape)
 
 
-def _grid_record(grid: Grid, position: int, zipped: bool, pool: Executor) -> list[bytes]:
+def _grid_record(grid: Grid, position: int, zipped: bool, run: Callable) -> list[bytes]:
     """The bytes of a grid that starts at a position in the file, in pieces."""
-    leaves = _active_leaves(grid, pool)
+    leaves = _active_leaves(grid, run)
     count = len(leaves.position)
     tasks = [slice(first, first + LEAVES_PER_TASK) for first in range(0, count, LEAVES_PER_TASK)]
-    buffers = list(pool.map(lambda chosen: _leaf_buffers(leaves, chosen, grid.half, zipped), tasks))
+    buffers = list(run(lambda chosen: _leaf_buffers(leaves, chosen, grid.half, zipped), tasks))
     tree_type = (VECTOR_TREE if grid.is_vector else SCALAR_TREE) + (HALF_SUFFIX if grid.half else "")
     descriptor = _string(grid.name) + _string(tree_type) + _string("")
     content = b"".join(
