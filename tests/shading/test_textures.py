@@ -1,5 +1,8 @@
 """Textures: what files hold in linear light, bilinear sampling, what lies outside, and files that cannot be read."""
 
+import struct
+import zlib
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -96,6 +99,18 @@ def test_sixteen_bits(tmp_path):
     np.testing.assert_allclose(raw, np.repeat([[300 / 65535], [1.0]], 3, axis=1), rtol=1e-6)
     decoded = Picture.read(file, "sRGB").sample(uvs, "clamp", "clamp")
     np.testing.assert_allclose(decoded[0], 300 / 65535 / 12.92, rtol=1e-6)
+
+
+def test_sixteen_bit_color(tmp_path):
+    """16-bit colour is raw, and good to 1/255: Pillow keeps the upper 8 bits."""
+    header = struct.pack(">IIBBBBB", 1, 1, 16, 2, 0, 0, 0)
+    pixel = struct.pack(">B3H", 0, 0, 32768, 65535)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(pixel)), (b"IEND", b""))
+    parts = [struct.pack(">I", len(d)) + name + d + struct.pack(">I", zlib.crc32(name + d)) for name, d in chunks]
+    file = tmp_path / "deep.png"
+    file.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(parts))
+    value = Picture.read(str(file), "auto").sample(np.array([[0.5, 0.5]]), "clamp", "clamp")
+    np.testing.assert_allclose(value, [[0.0, 0.5, 1.0]], atol=1 / 255)
 
 
 def test_black_and_white_picture(tmp_path):

@@ -15,13 +15,13 @@ def receiver(mesh, **fields):
 
 
 def corner_mesh():
-    """Three faces of a unit cube that meet at the origin, seen from outside, and a point that none of them uses."""
-    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9]]
+    """Faces of areas ½, 1 and 1 across x, y and z that meet at the origin, and a point that none of them uses."""
+    points = [[0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9]]
     return Mesh(points, [[0, 2, 1], [0, 1, 3], [0, 3, 2]])
 
 
 def test_points_and_normals(launcher):
-    """Points are the mesh's, moved; normals sum the faces around; a point without faces has none."""
+    """Points are the mesh's, moved; normals sum the faces around by area; a point without faces has none."""
     matrix = np.eye(4)
     matrix[3, :3] = 1, 2, 3
     vertices = VertexMap(launcher, receiver(corner_mesh(), transform=matrix), np.array([1.0, 1.0, 1.0]))
@@ -29,7 +29,7 @@ def test_points_and_normals(launcher):
     assert not vertices.update(2.0)
     np.testing.assert_allclose(vertices.points.numpy()[0], [0, 1, 2])
     normals = vertices.normals.numpy()
-    np.testing.assert_allclose(normals[0], -np.ones(3) / np.sqrt(3), atol=1e-6)
+    np.testing.assert_allclose(normals[0], -np.array([1, 2, 2]) / 3, atol=1e-6)
     np.testing.assert_allclose(normals[1], -np.array([0, 1, 1]) / np.sqrt(2), atol=1e-6)
     np.testing.assert_array_equal(normals[4], 0.0)
 
