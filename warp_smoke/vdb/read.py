@@ -205,8 +205,8 @@ def _read_grid(source: _Source, has_offsets: bool, max_voxels: int) -> Grid:
             background=tuple(tree.background.tolist()) if encoding.components == 3 else float(tree.background[0]),
             active=active,
             half=encoding.half,
-            grid_class=metadata.get("class", b"unknown").decode("utf-8", "replace"),
-            vector_type=metadata.get("vector_type", b"invariant").decode("utf-8", "replace"),
+            grid_class=_token(metadata.get("class", b"unknown")),
+            vector_type=_token(metadata.get("vector_type", b"invariant")),
         )
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
@@ -222,6 +222,11 @@ def _read_metadata(source: _Source) -> dict[str, bytes]:
         (size,) = source.unpack("<I")
         metadata[name] = bytes(source.take(size))
     return metadata
+
+
+def _token(value: bytes) -> str:
+    """Text of a metadata value, escaped where it cannot be printed."""
+    return repr(value.decode("utf-8", "replace"))[1:-1]
 
 
 def _read_transform(source: _Source) -> tuple[list[float], list[float]]:
