@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 import warp as wp
+import warp.examples
+from pxr import Usd, UsdGeom
 
-from warp_smoke.scene import DistantLight, PointLight
+from warp_smoke.geometry import Mesh, corner_normals, transform_normals, transform_points
+from warp_smoke.scene import DistantLight, PointLight, Surface
+from warp_smoke.shadow.casters import Casters
 
 
 def _placed(position):
@@ -39,6 +43,47 @@ def point_light():
 def distant_light():
     """A function: direction in which it shines → distant light."""
     return lambda direction, **fields: DistantLight(path="/light", transform=_aimed(direction), **fields)
+
+
+@pytest.fixture(scope="session")
+def cast(launcher):
+    """A function: (*(mesh, position)) → casters of these meshes at time 1."""
+
+    def make(*placed_meshes, origin=(0, 0, 0)):
+        surfaces = [
+            Surface(path=f"/s{n}", mesh=mesh, transform=_placed(position))
+            for n, (mesh, position) in enumerate(placed_meshes)
+        ]
+        casters = Casters(launcher, surfaces, origin)
+        casters.update(1.0)
+        return casters
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def sample_surface():
+    """A function: (mesh, position, count, rng) → points spread evenly over the mesh and face normals, [n, 3]."""
+
+    def sample(mesh, position, count, rng):
+        corners = mesh.points_at(1.0).astype(float)[mesh.triangles]
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        triangle = rng.choice(len(area), count, p=area / area.sum())
+        share = rng.dirichlet((1, 1, 1), count)
+        points = np.sum(share[:, :, None] * corners[triangle], axis=1)
+        normals = corner_normals(mesh.points_at(1.0), mesh.triangles)[triangle, 0]
+        matrix = _placed(position)
+        return transform_points(matrix, points), transform_normals(matrix, normals)
+
+    return sample
+
+
+@pytest.fixture(scope="session")
+def bunny():
+    """The Stanford bunny of Warp's examples, about 1.6 units tall."""
+    stage = Usd.Stage.Open(f"{warp.examples.get_asset_directory()}/bunny.usd")
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/root/bunny"))
+    return Mesh(mesh.GetPointsAttr().Get(), np.reshape(mesh.GetFaceVertexIndicesAttr().Get(), (-1, 3)))
 
 
 @pytest.fixture(scope="session")

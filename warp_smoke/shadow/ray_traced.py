@@ -23,17 +23,15 @@ def _trace_points(
     normals: wp.array[wp.vec3],
     visibility_out: wp.array[float],
 ):
-    """visibility[n] = no hit from points[n] + offset · normals[n] to the light; 0 on the side away from the light."""
+    """visibility[n] = no hit between points[n] + offset · normals[n] and the light; 0 on the side away from it."""
     n = rows.first + wp.tid()
-    r = wp.vec3(light[0], light[1], light[2]) - light[3] * points[n]
-    d = wp.length(r)
+    start = points[n] + offset * normals[n]
+    ray = wp.vec3(light[0], light[1], light[2]) - light[3] * start
+    d = wp.length(ray)
     visible = 0.0
-    if wp.dot(r, normals[n]) > 0.0:
-        reach = far
-        if light[3] > 0.0:
-            reach = d - near
+    if wp.dot(ray, normals[n]) > 0.0:
         visible = 1.0
-        if d <= far and wp.mesh_query_ray_anyhit(mesh, points[n] + offset * normals[n], r / d, reach):
+        if d <= far and wp.mesh_query_ray_anyhit(mesh, start, ray / d, d - near):
             visible = 0.0
     visibility_out[n] = visible
 
@@ -63,8 +61,9 @@ class RayTracedShadow:
         extent = max(casters.extent, self._receiver_extent)
         self._offset = round_off(extent)
         if isinstance(light, DistantLight):
-            self._homogeneous = wp.vec4(*(-light.direction_at(time)).tolist(), 0.0)
-            self._near, self._far = 0.0, 4.0 * extent
+            past_all = -4.0 * extent * light.direction_at(time)
+            self._homogeneous = wp.vec4(*past_all.tolist(), 0.0)
+            self._near, self._far = 0.0, float(np.inf)
         else:
             self._homogeneous = wp.vec4(*(light.position_at(time) - casters.origin).tolist(), 1.0)
             self._near = max(light.shadow_near or 0.0, self._offset)
