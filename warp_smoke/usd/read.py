@@ -46,10 +46,12 @@ def read_scene(path: str | Path) -> Scene:
         raise ValueError(f"{path}: no such file")
     with _usd_messages_dropped():
         try:
-            stage = Usd.Stage.Open(str(path))
-        except Tf.ErrorException as error:
-            raise ValueError(f"{path}: not a USD stage: {_one_line(error.args[0].commentary)}") from None
-        return replace(read_stage(stage, str(path)), source=Path(path).resolve())
+            scene = read_stage(Usd.Stage.Open(str(path)), str(path))
+        except Tf.ErrorException as error:  # also while values are read, from a file that is damaged
+            raise ValueError(f"{path}: not a USD stage: {_message(error.args[0])}") from None
+        except UnicodeDecodeError:
+            raise ValueError(f"{path}: not a USD stage: its names are not UTF-8") from None
+    return replace(scene, source=Path(path).resolve())
 
 
 def read_stage(stage: Usd.Stage, file: str) -> Scene:
@@ -68,7 +70,7 @@ def read_stage(stage: Usd.Stage, file: str) -> Scene:
     """
     for error in stage.GetCompositionErrors():
         if isinstance(error, MISSING):
-            raise ValueError(f"{file}: {error.rootSite.path}: {_one_line(str(error))}")
+            raise ValueError(f"{file}: {error.rootSite.path}: {_message(error)}")
     if not stage.GetDefaultPrim():
         raise bad_input(file, "/", "defaultPrim", "unset", "the name of a root prim")
     settings = _read_settings(stage, file)
@@ -210,7 +212,12 @@ def _whole(time: float) -> float | int:
     return int(time) if float(time).is_integer() else time
 
 
-def _one_line(text: str) -> str:
+def _message(error: Tf.Error | Pcp.ErrorBase) -> str:
+    """What USD says of an error, in one line; it may quote bytes that are no text."""
+    try:
+        text = error.commentary if isinstance(error, Tf.Error) else str(error)
+    except UnicodeDecodeError as undecoded:
+        text = undecoded.object.decode(errors="replace")
     return " ".join(text.split())
 
 

@@ -127,11 +127,13 @@ def _read_normals(
 
 def _unit(normals: np.ndarray, points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Normals made unit; those of zero length become the face's."""
-    length = np.linalg.norm(normals, axis=2, keepdims=True)
-    if np.all(np.abs(length - 1.0) < UNIT):
+    exact = normals.astype(np.float64)
+    length = np.linalg.norm(exact, axis=2, keepdims=True)
+    off = np.abs(length - 1.0) > UNIT
+    if not off.any():
         return normals
-    faces = corner_normals(points, triangles)
-    return np.where(length > 0, np.where(np.abs(length - 1.0) < UNIT, normals, normalized(normals)), faces)
+    exact = np.where(off, normalized(exact), exact)
+    return np.where(length > 0, exact, corner_normals(points, triangles))
 
 
 def _read_uvs(

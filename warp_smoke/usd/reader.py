@@ -148,7 +148,7 @@ def value_of(attribute: Usd.Attribute, time: float) -> object:
         return tuple(map(shortest_decimal, value))
     if isinstance(value, (Gf.Vec2d, Gf.Vec3d, Gf.Vec4d)):
         return tuple(value)
-    if attribute.GetTypeName() in (Sdf.ValueTypeNames.Float, Sdf.ValueTypeNames.Half):
+    if isinstance(value, float) and attribute.GetTypeName() in (Sdf.ValueTypeNames.Float, Sdf.ValueTypeNames.Half):
         return shortest_decimal(value)
     if isinstance(value, Vt.TokenArray):
         return tuple(value)
