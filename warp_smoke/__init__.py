@@ -8,6 +8,7 @@ from importlib.metadata import version
 from warp_smoke.geometry import Mesh
 from warp_smoke.plan import Plan, make_plan
 from warp_smoke.record import Samples
+from warp_smoke.run import run
 from warp_smoke.scene import (
     Camera,
     Collider,
@@ -43,6 +44,7 @@ __all__ = [
     "Surface",
     "Texture",
     "make_plan",
+    "run",
 ]
 
 

@@ -67,7 +67,7 @@ def run(
             output,
             device=device,
             threads=threads,
-            on_frame=lambda frame: progress.update(task, advance=1, description=f"Frame {frame.frame}"),
+            on_frame=lambda frame: progress.update(task, advance=1, description=f"Frame {frame.number}"),
         )
     if as_json:
         print(json.dumps(result.report, indent=2))

@@ -12,13 +12,13 @@ from warp_smoke.shading.bake import ReceiverBake
 from warp_smoke.shadow.casters import Casters
 from warp_smoke.shadow.cube import CubeShadow
 from warp_smoke.shadow.directional import DirectionalShadow
-from warp_smoke.shadow.dpd import DpdShadow
+from warp_smoke.shadow.dpd import DpdSmokeShadow
 from warp_smoke.shadow.ray_traced import RayTracedShadow
 from warp_smoke.shadow.smoke import SmokeShadow
 from warp_smoke.shadow.smoke_ray_traced import RayTracedSmokeShadow
 from warp_smoke.timing import Timings
 
-_SMOKE_SHADOWS = {"march": SmokeShadow, "dpd": DpdShadow, "ray_traced": RayTracedSmokeShadow}
+_SMOKE_SHADOWS = {"march": SmokeShadow, "dpd": DpdSmokeShadow, "ray_traced": RayTracedSmokeShadow}
 
 
 class Lighting:

@@ -36,7 +36,7 @@ def summary_table(report: dict) -> Table:
     table = Table("Pass", "Seconds", "ms / frame", title=title)
     for name, spent in sorted(seconds["passes"].items(), key=lambda item: -item[1]):
         table.add_row(name, f"{spent:.2f}", f"{1e3 * spent / frames:.1f}")
-    steps = [frame["substeps"] for frame in report["frames"] if frame["substeps"]]
+    steps = [step["substeps"] for frame in report["frames"] for step in frame["domains"].values()]
     if steps:
         table.caption = f"substeps per frame: {np.min(steps)} to {np.max(steps)}"
     return table

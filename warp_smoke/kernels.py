@@ -1,0 +1,43 @@
+"""Which kernel modules a plan needs, so that they are compiled and loaded together, and no others."""
+
+from importlib import import_module
+
+from warp_smoke.plan import Plan
+
+# Module of kernels by the pass that launches them, and by pass and method where that decides.
+_FLUID = {
+    "voxelize_colliders": ("fluid.voxelize", "fluid.colliders"),
+    "emit_density": ("fluid.voxelize", "fluid.emitters"),
+    "add_buoyancy": ("fluid.forces",),
+    "confine_vorticity": ("fluid.forces", "fluid.vorticity"),
+    "project_pressure": ("fluid.operators", "fluid.measures"),
+    "project_pressure spectral": ("fluid.pressure.spectral",),
+    "project_pressure conjugate_gradient": (
+        "fluid.pressure.spectral",
+        "fluid.pressure.components",
+        "fluid.pressure.conjugate_gradient",
+    ),
+    "advect_density": ("fluid.trace", "fluid.advection"),
+    "dissipate_density": ("fluid.dissipation",),
+    "cool_temperature": ("fluid.dissipation",),
+}
+_SURFACE_SHADOW = {"cube": "shadow.cube", "directional": "shadow.directional", "exact": "shadow.ray_traced"}
+_SMOKE_SHADOW = {"march": "shadow.smoke", "dpd": "shadow.dpd", "ray_traced": "shadow.smoke_ray_traced"}
+
+
+def kernel_modules(plan: Plan) -> list[str]:
+    """Names of the modules whose kernels the plan launches, imported."""
+    found = set()
+    for each in plan.passes:
+        for key in (each.name, f"{each.name} {each.method}"):
+            found.update(_FLUID.get(key, ()))
+    for receiver in plan.receivers:
+        found.update(("shading.bake", "shading.texels"))
+        for light in receiver.lights:
+            if light.surface_shadow:
+                found.add(_SURFACE_SHADOW[light.surface_shadow])
+            found.update(_SMOKE_SHADOW[method] for _, method in light.smoke)
+    names = [f"warp_smoke.{name}" for name in sorted(found)]
+    for name in names:
+        import_module(name)
+    return names

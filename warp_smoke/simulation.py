@@ -1,0 +1,129 @@
+"""A plan at work on one device: frame by frame, fluid, then shadows, then bakes; exactly the plan's passes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+
+from warp_smoke.kernels import kernel_modules
+from warp_smoke.launch import Launcher, load_kernels
+from warp_smoke.lighting import Lighting
+from warp_smoke.plan import DomainPlan, Plan, make_plan
+from warp_smoke.scene import Scene
+from warp_smoke.timing import Timings
+
+if TYPE_CHECKING:
+    from warp_smoke.fluid.solver import SmokeSolver, StepReport
+
+
+@dataclass(frozen=True)
+class Smoke:
+    """One domain's fields at a frame, copied to the host.
+
+    Attributes:
+        density: [nx, ny, nz] float32 at cell centres.
+        temperature: likewise, or None where it is not exported.
+        velocity: [nx, ny, nz, 3] float32 at cell centres, along the lattice's axes [m/s], or None likewise.
+    """
+
+    density: np.ndarray | None
+    temperature: np.ndarray | None
+    velocity: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a step made.
+
+    Attributes:
+        number: the frame (time code).
+        smoke: fields by domain path.
+        pictures: pixels that changed, uint8 [h, w] or [h, w, 3], by receiver path and bake.
+        steps: what the solver did, by domain path; empty at the first frame, which only emits.
+    """
+
+    number: int
+    smoke: Mapping[str, Smoke]
+    pictures: Mapping[tuple[str, str], np.ndarray]
+    steps: Mapping[str, "StepReport"]
+
+
+class Simulation:
+    """Runs a scene one frame at a time; fields and pictures can be read, and fields written, between steps.
+
+    Attributes:
+        plan: the passes that run.
+        frame: the last frame that was made, or None before the first step.
+        launcher: the device, with counts of launches and of bytes.
+        timings: time of each pass.
+        warnings: what the bakes had to leave out.
+    """
+
+    def __init__(self, scene: Scene | Plan, device: str = "cpu", threads: int | None = None):
+        """Makes everything that the plan needs, and nothing else.
+
+        Args:
+            scene: a scene, or a plan made of one.
+            device: `cpu`, `cuda` or `cuda:N`.
+            threads: CPU threads; all unless given.
+        """
+        self.plan = scene if isinstance(scene, Plan) else make_plan(scene)
+        self.launcher = Launcher(device, threads)
+        self.timings = Timings(self.launcher)
+        self.frame: int | None = None
+        with self.timings.measure("load_kernels"):
+            load_kernels(kernel_modules(self.plan), device)
+        self._solvers = {each.domain.path: self._solver(each) for each in self.plan.domains}
+        self._lighting = Lighting(self.launcher, self.plan, self.timings)
+        self.warnings = self._lighting.warnings
+
+    def _solver(self, each: DomainPlan) -> "SmokeSolver":
+        from warp_smoke.fluid.solver import SmokeSolver  # scenes without smoke need none of it
+
+        return SmokeSolver(self.launcher, each, self.timings)
+
+    def solver(self, path: str | None = None) -> "SmokeSolver":
+        """The solver of a domain, the first one unless a path is given."""
+        return self._solvers[path if path is not None else next(iter(self._solvers))]
+
+    @property
+    def density(self) -> wp.array:
+        """The first domain's density, [nx, ny, nz], on the device."""
+        return self.solver().state.density
+
+    def step(self) -> Frame:
+        """Makes the next frame: emission alone at the first one, then the fluid's substeps, shadows and bakes."""
+        scene = self.plan.scene
+        number = scene.start if self.frame is None else self.frame + 1
+        steps = {}
+        for each in self.plan.domains:
+            solver = self._solvers[each.domain.path]
+            if self.frame is None:
+                solver.begin(number)
+            else:
+                seconds = each.domain.time_scale / scene.time_codes_per_second
+                steps[each.domain.path] = solver.advance(self.frame, number, seconds)
+        self.frame = number
+        densities = {path: solver.state.density for path, solver in self._solvers.items()}
+        pictures = self._lighting.update(number, densities)
+        with self.timings.measure("read_fields"):
+            smoke = {each.domain.path: self._smoke(each) for each in self.plan.domains}
+        return Frame(number, smoke, pictures, steps)
+
+    def _smoke(self, each: DomainPlan) -> Smoke:
+        state = self._solvers[each.domain.path].state
+        density = temperature = velocity = None
+        if "density" in each.grids:
+            density = state.density.numpy().copy()
+        if "temperature" in each.grids:
+            temperature = state.temperature.numpy().copy()
+        if "velocity" in each.grids:
+            velocity = np.empty((*each.lattice.shape, 3), np.float32)
+            for axis, component in enumerate(state.velocity):
+                faces = np.moveaxis(component.numpy(), axis, 0)
+                centres = np.moveaxis(velocity[..., axis], axis, 0)
+                np.add(faces[1:], faces[:-1], out=centres)
+            velocity *= 0.5
+        return Smoke(density, temperature, velocity)
