@@ -1,0 +1,78 @@
+"""From where a picture is seen: the stage's camera, or a view that frames everything."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from warp_smoke.geometry import normalized
+from warp_smoke.scene import Camera
+
+FRAMED_ANGLE = 30.0
+
+
+@dataclass(frozen=True)
+class View:
+    """A perspective view.
+
+    Attributes:
+        position: world position of the eye, [3].
+        target: a world point in the middle of the picture, [3].
+        up: world direction that is up in the picture, [3].
+        angle: of view from bottom to top [degrees].
+        shift: of the picture's middle, in halves of its width and height (a camera's aperture offset), [2].
+    """
+
+    position: np.ndarray
+    target: np.ndarray
+    up: np.ndarray
+    angle: float
+    shift: tuple[float, float] = (0.0, 0.0)
+
+
+def camera_view(camera: Camera, time: float, aspect: float, distance: float) -> View:
+    """What a camera sees; the whole of its aperture is in the picture, whose other side may show more.
+
+    Args:
+        camera: the camera.
+        time: time code.
+        aspect: the picture's width over its height.
+        distance: from the camera to `target`, about which an interactive view turns [stage units].
+    """
+    matrix = camera.transform_at(time)
+    up, backward = normalized(matrix[1:3, :3])
+    # 2 · tangent · focal length: the height of film that the picture covers.
+    height = max(camera.vertical_aperture, camera.horizontal_aperture / aspect)
+    return View(
+        position=matrix[3, :3],
+        target=matrix[3, :3] - distance * backward,
+        up=up,
+        angle=float(np.degrees(2 * np.arctan(0.5 * height / camera.focal_length))),
+        shift=(
+            2 * camera.horizontal_offset / (height * aspect),
+            2 * camera.vertical_offset / height,
+        ),
+    )
+
+
+def framed_view(lower: np.ndarray, upper: np.ndarray, up: np.ndarray, aspect: float) -> View:
+    """A view from the front, the right and above in which a whole box is seen.
+
+    Args:
+        lower: corner of the box in the world, [3].
+        upper: the corner opposite.
+        up: the stage's up axis, [3].
+        aspect: the picture's width over its height.
+    """
+    right, front = level_axes(up)
+    toward_eye = normalized(0.6 * right + front + 0.45 * up)
+    target = (np.asarray(lower) + upper) / 2
+    radius = max(float(np.linalg.norm(np.asarray(upper) - lower)) / 2, 1e-6)
+    half = np.radians(FRAMED_ANGLE / 2)
+    narrow = min(half, np.arctan(np.tan(half) * aspect))
+    return View(target + radius / np.sin(narrow) * toward_eye, target, np.asarray(up, float), FRAMED_ANGLE)
+
+
+def level_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Right and front, [3] each, for a stage's up axis: +X and +Z where Y is up, +X and −Y where Z is."""
+    right = np.eye(3)[2 if up[0] else 0]
+    return right, np.cross(right, up)

@@ -1,0 +1,45 @@
+"""Frames loaded in the background, so that the window stays alive, and the last few of them kept."""
+
+from collections import OrderedDict
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+
+from warp_smoke.preview.stage import Frame
+
+KEPT = 6
+
+
+class FrameLoader:
+    """Loads frames one after the other in a thread of its own.
+
+    Args:
+        load: reads a frame; it is called from that thread alone.
+        frames: the frames there are.
+    """
+
+    def __init__(self, load: Callable[[int], Frame], frames: range):
+        self._load, self._frames = load, frames
+        self._pool = ThreadPoolExecutor(1, "preview")
+        self._futures: OrderedDict[int, Future[Frame]] = OrderedDict()
+
+    def request(self, number: int) -> Future[Frame]:
+        """The frame, as soon as it is there; the one after it is loaded next, and what still waits is forgotten."""
+        for waiting in [key for key, future in self._futures.items() if future.cancel()]:
+            del self._futures[waiting]
+        future = self._submit(number)
+        if number + 1 in self._frames:
+            self._submit(number + 1)
+            self._futures.move_to_end(number)
+        while len(self._futures) > KEPT:
+            self._futures.popitem(last=False)
+        return future
+
+    def _submit(self, number: int) -> Future[Frame]:
+        if number not in self._futures:
+            self._futures[number] = self._pool.submit(self._load, number)
+        self._futures.move_to_end(number)
+        return self._futures[number]
+
+    def close(self) -> None:
+        """Forgets what waits and ends the thread."""
+        self._pool.shutdown(cancel_futures=True)

@@ -1,0 +1,79 @@
+"""The stage's lights: on the set as VTK's lights, on the smoke as beams.
+
+Approximate where VTK has no such light: linear falloff becomes a smooth one of equal strength at the start and half way
+to the end, a cone has a hard edge, and no surface shades another. Baked surfaces do not use these lights.
+"""
+
+import numpy as np
+import pyvista as pv
+
+from warp_smoke.preview.camera import level_axes
+from warp_smoke.preview.smoke import Beam
+from warp_smoke.scene import DistantLight, Light, PointLight, Scene, SpotLight
+from warp_smoke.shading.light_source import light_source
+
+NEUTRAL_AMBIENT = (0.25, 0.25, 0.25)
+# Direction (to the right, up, to the front) and colour of each: a bright one from above, a dim one from the left.
+NEUTRAL_LIGHTS = (((-0.5, -1.0, -0.45), 0.75), ((1.0, -0.3, -0.3), 0.15))
+
+
+def lights_of(scene: Scene) -> tuple[tuple[Light, ...], np.ndarray]:
+    """The lights and the ambient light [3] to see a scene by: neutral ones where the scene has none."""
+    if any(light.shines for light in scene.lights) or any(scene.ambient):
+        return scene.lights, np.asarray(scene.ambient)
+    lights = []
+    right, front = level_axes(scene.up)
+    for number, (direction, strength) in enumerate(NEUTRAL_LIGHTS):
+        matrix = np.eye(4)
+        matrix[2, :3] = -np.asarray(direction) @ (right, scene.up, front)
+        lights.append(DistantLight(path=f"/Neutral{number}", transform=matrix, intensity=np.pi * strength))
+    return tuple(lights), np.asarray(NEUTRAL_AMBIENT)
+
+
+def beam_on(light: Light, center: np.ndarray, radius: float, time: float) -> Beam:
+    """A light as parallel rays through smoke around a world point; `direction` is a unit world vector.
+
+    A point light within the radius shines as if it stood at that distance.
+    """
+    strength = np.asarray(light_source(light, np.zeros(3), time).strength)
+    if isinstance(light, DistantLight):
+        return Beam(light.direction_at(time), strength)
+    offset = center - light.position_at(time)
+    distance = float(np.linalg.norm(offset))
+    direction = offset / distance if distance > 0 else np.array([0.0, 0.0, 1.0])
+    if isinstance(light, SpotLight) and direction @ light.direction_at(time) < np.cos(np.radians(light.cone_angle)):
+        return Beam(direction, np.zeros(3))
+    if light.falloff_end is not None and distance - radius > light.falloff_end:
+        return Beam(direction, np.zeros(3))
+    return Beam(direction, strength / np.polyval(_falloff(light)[::-1], max(distance, radius)))
+
+
+def make_vtk_light(light: Light, time: float) -> pv.Light:
+    """VTK's light of linear colour B, as `warp_smoke.shading.light_source` defines it."""
+    strength = np.asarray(light_source(light, np.zeros(3), time).strength)
+    lamp = pv.Light(light_type="scene light")
+    lamp.SetDiffuseColor(*strength)
+    lamp.SetSpecularColor(0.0, 0.0, 0.0)
+    if isinstance(light, DistantLight):
+        lamp.positional = False
+        lamp.position, lamp.focal_point = -light.direction_at(time), np.zeros(3)
+        return lamp
+    lamp.positional = True
+    lamp.position = light.position_at(time)
+    lamp.attenuation_values = _falloff(light)
+    lamp.cone_angle = 90.0
+    if isinstance(light, SpotLight):
+        lamp.focal_point = lamp.position + light.direction_at(time)
+        lamp.cone_angle, lamp.exponent = min(light.cone_angle, 89.9), light.focus
+    return lamp
+
+
+def _falloff(light: PointLight) -> tuple[float, float, float]:
+    """Three numbers k of the attenuation 1/(k₀ + k₁ d + k₂ d²)."""
+    if light.falloff_model == "polynomial":
+        return light.attenuation
+    if light.falloff_model == "linear":
+        start, half = light.falloff_start, (light.falloff_start + light.falloff_end) / 2
+        slope = 1.0 / (half**2 - start**2)
+        return (1.0 - slope * start**2, 0.0, slope)
+    return (0.0, 0.0, 1.0)

@@ -1,0 +1,173 @@
+"""A stage as it is drawn, read from its files: the set, what was baked on it, and the smoke of each frame."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdVol
+
+from warp_smoke.geometry import transform_points
+from warp_smoke.preview.lights import beam_on, lights_of
+from warp_smoke.preview.smoke import SmokeVoxels, color_smoke, find_smoke
+from warp_smoke.scene import SmokeDomain
+from warp_smoke.shading.textures import Picture
+from warp_smoke.usd.read import read_scene
+from warp_smoke.usd.write import RESULTS_SUFFIX
+from warp_smoke.vdb import read_vdb
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What changes from frame to frame in other files than the stage's own.
+
+    Attributes:
+        number: the frame.
+        smoke: of each volume; None where there is none.
+        pictures: baked light by the path of its surface, [h, w, 3] uint8 sRGB, top row first.
+        colors: baked light by the path of its surface, linear RGB at each point, [n, 3].
+    """
+
+    number: int
+    smoke: tuple[SmokeVoxels | None, ...]
+    pictures: Mapping[str, np.ndarray]
+    colors: Mapping[str, np.ndarray]
+
+
+class PreviewStage:
+    """A stage to look at: one that a run wrote, or any other.
+
+    Attributes:
+        scene: what is on it.
+        lights: the scene's, or neutral ones where it has none.
+        ambient: light from everywhere, linear RGB [3].
+        volumes: number of volumes.
+        has_results: whether there is a volume or a baked surface.
+
+    Raises:
+        ValueError: the file is not a stage, or something on it is not allowed.
+    """
+
+    def __init__(self, path: str | Path):
+        file = find_stage(path)
+        self.scene = read_scene(file)
+        self.lights, self.ambient = lights_of(self.scene)
+        stage = self._stage = Usd.Stage.Open(str(file))
+        self._file = file
+        self._domains = {domain.path: domain for domain in self.scene.domains}
+        prims = stage.Traverse(Usd.TraverseInstanceProxies())
+        self._volumes = [UsdVol.Volume(prim) for prim in prims if prim.IsA(UsdVol.Volume) and _density_field(prim)]
+        self._pictures: dict[str, Usd.Attribute] = {}
+        self._colors: dict[str, Usd.Attribute] = {}
+        self._last_pictures: dict[str, tuple[str, np.ndarray]] = {}
+        for surface in self.scene.surfaces:
+            light = _baked_light(stage.GetPrimAtPath(surface.path))
+            if light and light.GetTypeName() == Sdf.ValueTypeNames.Asset:
+                self._pictures[surface.path] = light
+            elif light:
+                self._colors[surface.path] = light
+
+    @property
+    def volumes(self) -> int:
+        """Number of volumes."""
+        return len(self._volumes)
+
+    @property
+    def has_results(self) -> bool:
+        """Whether there is smoke or baked light on the stage."""
+        return bool(self._volumes or self._pictures or self._colors)
+
+    def load(self, number: int) -> Frame:
+        """Reads the files of a frame.
+
+        Raises:
+            ValueError, OSError: a file is missing or damaged.
+        """
+        return Frame(
+            number,
+            tuple(self._load_smoke(volume, number) for volume in self._volumes),
+            {path: self._load_picture(path, _existing_file(light, number)) for path, light in self._pictures.items()},
+            {path: np.array(light.Get(number)) for path, light in self._colors.items()},
+        )
+
+    def _load_picture(self, path: str, file: str) -> np.ndarray:
+        """[h, w, 3] uint8; the same array while the file stays the same, which is then not sent to VTK again."""
+        if self._last_pictures.get(path, (None,))[0] != file:
+            codes = Picture.read(file, "sRGB").codes
+            self._last_pictures[path] = file, np.broadcast_to(codes, (*codes.shape[:2], 3))
+        return self._last_pictures[path][1]
+
+    def _load_smoke(self, volume: UsdVol.Volume, number: int) -> SmokeVoxels | None:
+        domain = self._domain_of(volume.GetPrim())
+        extinction = domain.extinction * self.scene.meters_per_unit / domain.density_scale
+        if extinction == 0 or volume.ComputeVisibility(number) == UsdGeom.Tokens.invisible:
+            return None
+        field = _density_field(volume.GetPrim())
+        file = _existing_file(field.GetFilePathAttr(), number)
+        name = field.GetFieldNameAttr().Get(number)
+        grids = read_vdb(file)
+        if name not in grids:
+            raise ValueError(f"{file}: has no grid {name!r}; its grids: {', '.join(grids)}")
+        grid = grids[name]
+        to_world = np.diag([*grid.voxel_size, 1.0])
+        to_world[3, :3] = np.asarray(grid.origin) * grid.voxel_size + grid.translation
+        found = find_smoke(grid.values, to_world @ np.array(volume.ComputeLocalToWorldTransform(number)))
+        if found is None:
+            return None
+        density, to_world = found
+        ends = transform_points(to_world, [np.zeros(3), density.shape])
+        center, radius = ends.mean(axis=0), float(np.linalg.norm(ends[1] - ends[0])) / 2
+        beams = [beam_on(light, center, radius, number) for light in self.lights]
+        return color_smoke(density, to_world, extinction, beams, self.ambient)
+
+    def _domain_of(self, volume: Usd.Prim) -> SmokeDomain:
+        """The domain whose smoke a volume holds; a default one for volumes of other makers."""
+        targets = volume.GetRelationship("smoke:domain").GetTargets() if volume.HasRelationship("smoke:domain") else []
+        path = str(targets[0] if targets else volume.GetPath())
+        return self._domains.get(path) or SmokeDomain(path=path)
+
+
+def find_stage(path: str | Path) -> Path:
+    """The stage file that a path means: itself, or the one that a run wrote into a folder.
+
+    Raises:
+        ValueError: nothing is there, or the folder holds no results, or those of several runs.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        return path
+    names = sorted(file.name.removesuffix(RESULTS_SUFFIX) for file in path.glob(f"*{RESULTS_SUFFIX}"))
+    if len(names) != 1:
+        raise ValueError(f"{path}: holds {len(names)} results {names}; allowed: one, or the path of a stage")
+    return path / f"{names[0]}.usda"
+
+
+def _density_field(volume: Usd.Prim) -> UsdVol.OpenVDBAsset | None:
+    """The field of a volume that is its density, if it comes from a `.vdb` file."""
+    target = UsdVol.Volume(volume).GetFieldPath("density")
+    field = UsdVol.OpenVDBAsset(volume.GetStage().GetPrimAtPath(target)) if target else None
+    return field if field else None
+
+
+def _baked_light(prim: Usd.Prim) -> Usd.Attribute | None:
+    """Where the bound material's emission comes from: a texture's file, a primvar's values, or None.
+
+    A material that emits by texture shows baked light: it needs no light any more.
+    """
+    material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.preview)
+    surface = material.ComputeSurfaceSource()[0] if material else None
+    emission = surface.GetInput("emissiveColor") if surface else None
+    for source in UsdShade.Utils.GetValueProducingAttributes(emission) if emission else ():
+        shader = UsdShade.Shader(source.GetPrim())
+        if shader.GetShaderId() == "UsdUVTexture":
+            return shader.GetInput("file").GetAttr()
+        if shader.GetShaderId() == "UsdPrimvarReader_float3":
+            return UsdGeom.PrimvarsAPI(prim).GetPrimvar(shader.GetInput("varname").Get()).GetAttr()
+    return None
+
+
+def _existing_file(asset: Usd.Attribute, number: int) -> str:
+    path = asset.Get(number)
+    if not path or not path.resolvedPath:
+        raise ValueError(f"{asset.GetPath()}: is {path} at frame {number}; allowed: a file that exists")
+    return path.resolvedPath

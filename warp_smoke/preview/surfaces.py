@@ -1,0 +1,117 @@
+"""Meshes of the set as VTK draws them: with their baked light, or with their material under the stage's lights."""
+
+import numpy as np
+import pyvista as pv
+
+from warp_smoke.geometry import corner_normals
+from warp_smoke.preview.color import linear_to_srgb
+from warp_smoke.record import value_at
+from warp_smoke.scene import Material, Surface
+from warp_smoke.shading.textures import Picture
+
+_WRAPS = {
+    "repeat": pv.Texture.WrapType.REPEAT,
+    "clamp": pv.Texture.WrapType.CLAMP_TO_EDGE,
+    "mirror": pv.Texture.WrapType.MIRRORED_REPEAT,
+    "black": pv.Texture.WrapType.CLAMP_TO_BORDER,
+}
+# VTK adds up light in whatever space its colours are in. They are linear here, so the sum is encoded at the end.
+_ENCODE_SRGB = """//VTK::TCoord::Impl
+  vec3 light = clamp(gl_FragData[0].rgb, 0.0, 1.0);
+  gl_FragData[0].rgb = mix(12.92 * light, 1.055 * pow(light, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, light));
+"""
+
+
+class SurfaceActor:
+    """One mesh of the set, first with its material.
+
+    Attributes:
+        surface: the scene's record.
+        actor: what VTK draws.
+    """
+
+    def __init__(self, surface: Surface, ambient: np.ndarray, time: float):
+        self.surface = surface
+        mesh = surface.mesh
+        # Points of their own for each triangle's corners, since normals and UVs belong to corners.
+        corners = mesh.points_at(time)[mesh.triangles].reshape(-1, 3)
+        self._poly = pv.PolyData.from_regular_faces(corners, np.arange(len(corners)).reshape(-1, 3))
+        if mesh.normals is not None:
+            self._poly.point_data.active_normals = mesh.normals.reshape(-1, 3)
+        if mesh.uvs is not None:
+            self._poly.point_data.active_texture_coordinates = mesh.uvs.reshape(-1, 2)
+        self.actor = pv.Actor(mapper=pv.DataSetMapper(self._poly))
+        self.actor.mapper.scalar_visibility = False
+        self.actor.prop.interpolation = "flat" if mesh.normals is None else "phong"
+        self._shown = None
+        self._light(surface.material or Material(), ambient)
+
+    def _light(self, material: Material, ambient: np.ndarray) -> None:
+        """Draws the material, matte, under VTK's lights."""
+        diffuse = np.asarray(material.diffuse_color)
+        if material.diffuse_texture is not None and self.surface.mesh.uvs is not None:
+            diffuse = np.ones(3)
+            self.actor.texture = _diffuse_texture(material)
+        self.actor.prop.SetDiffuseColor(*diffuse)
+        self.actor.prop.SetAmbientColor(*(diffuse * ambient + material.emissive_color))
+        self.actor.prop.ambient = self.actor.prop.diffuse = 1.0
+        self.actor.prop.specular = 0.0
+        self.actor.GetShaderProperty().AddFragmentShaderReplacement("//VTK::TCoord::Impl", True, _ENCODE_SRGB, False)
+
+    def place(self, time: float) -> None:
+        """Puts the mesh where it is at a time code."""
+        self.actor.visibility = bool(value_at(self.surface.visible, time))
+        self.actor.user_matrix = self.surface.transform_at(time).T
+        mesh = self.surface.mesh
+        if mesh.deforms:
+            points = mesh.points_at(time)
+            self._poly.points = points[mesh.triangles].reshape(-1, 3)
+            if mesh.normals is not None:
+                normals = corner_normals(points, mesh.triangles, smooth=True)
+                self._poly.point_data.active_normals = normals.reshape(-1, 3)
+
+    def show_picture(self, pixels: np.ndarray) -> None:
+        """Draws a baked picture as it is: [h, w, 3] uint8 sRGB, top row first."""
+        if pixels is not self._shown:
+            self._unlight(pixels)
+            self.actor.texture = make_texture(pixels, "clamp")
+
+    def show_colors(self, colors: np.ndarray) -> None:
+        """Draws baked colours as they are: linear RGB at each point of the mesh, [n, 3]."""
+        if colors is not self._shown:
+            self._unlight(colors)
+            self.actor.texture = None
+            corners = linear_to_srgb(colors)[self.surface.mesh.triangles].reshape(-1, 3)
+            self._poly.point_data.set_array(corners, "baked")
+            self.actor.mapper.SetColorModeToDirectScalars()
+            self._poly.point_data.active_scalars_name = "baked"
+            self.actor.mapper.scalar_visibility = True
+
+    def _unlight(self, look: object) -> None:
+        self._shown = look
+        self.actor.prop.lighting = False
+        self.actor.prop.SetColor(1.0, 1.0, 1.0)
+        self.actor.prop.diffuse = 0.0  # unlit, VTK shows the sum of ambient and diffuse colour
+        self.actor.GetShaderProperty().ClearAllFragmentShaderReplacements()
+
+
+def make_texture(pixels: np.ndarray, wrap: str) -> pv.Texture:
+    """A texture from [h, w, 3] uint8, top row first."""
+    texture = pv.Texture(np.ascontiguousarray(pixels))
+    texture.wrap = _WRAPS[wrap]
+    texture.interpolate = True
+    texture.mipmap = True
+    return texture
+
+
+def _diffuse_texture(material: Material) -> pv.Texture:
+    """A material's diffuse texture, which VTK decodes to linear light as it draws.
+
+    Its wrap mode along s holds for both directions, since VTK has one for both.
+    """
+    source = material.diffuse_texture
+    picture = Picture.read(source.file, source.color_space)
+    values = picture.levels[np.broadcast_to(picture.codes, (*picture.codes.shape[:2], 3))]
+    texture = make_texture(linear_to_srgb(values * source.scale[:3] + source.bias[:3]), source.wrap_s)
+    texture.UseSRGBColorSpaceOn()
+    return texture

@@ -1,0 +1,123 @@
+"""What is drawn of a stage: its set, lights and smoke at a frame, seen through its camera."""
+
+import numpy as np
+import pyvista as pv
+
+from warp_smoke.geometry import transform_points
+from warp_smoke.preview.camera import camera_view, framed_view
+from warp_smoke.preview.lights import make_vtk_light
+from warp_smoke.preview.marks import mark_domain, mark_emitter, mark_light
+from warp_smoke.preview.stage import Frame, PreviewStage
+from warp_smoke.preview.surfaces import SurfaceActor
+from warp_smoke.preview.volume import SmokeActor
+from warp_smoke.record import Record, Samples
+
+BACKGROUND, BACKGROUND_TOP = "#26282b", "#70757b"
+
+
+class StageView:
+    """A stage drawn by a plotter.
+
+    Args:
+        stage: what is drawn.
+        plotter: where; see `warp_smoke.preview.opengl`.
+        step: distance between samples in smoke [voxels].
+    """
+
+    def __init__(self, stage: PreviewStage, plotter: pv.Plotter, step: float):
+        self._stage, self._plotter = stage, plotter
+        start = stage.scene.start
+        plotter.set_background(BACKGROUND, top=BACKGROUND_TOP)
+        plotter.renderer.GetCullers().GetItemAsObject(0).SetSortingStyleToBackToFront()
+        drawn = [surface for surface in stage.scene.surfaces if len(surface.mesh.triangles)]
+        self._surfaces = [SurfaceActor(surface, stage.ambient, start) for surface in drawn]
+        for surface in self._surfaces:
+            self._add(surface.actor)
+        self._smoke = [SmokeActor(plotter, step) for _ in range(stage.volumes)]
+        self._lower, self._upper = self._bounds()
+        self._marks: list[pv.Actor] = []
+        self._lights_change = any(map(_changes, (*stage.lights, *stage.scene.emitters)))
+        self._look(start)
+
+    def show(self, frame: Frame) -> None:
+        """Draws a frame."""
+        time = frame.number
+        for surface in self._surfaces:
+            surface.place(time)
+            path = surface.surface.path
+            if path in frame.pictures:
+                surface.show_picture(frame.pictures[path])
+            elif path in frame.colors:
+                surface.show_colors(frame.colors[path])
+        for actor, smoke in zip(self._smoke, frame.smoke, strict=True):
+            actor.show(smoke)
+        if not self._marks or self._lights_change:
+            self._light(time)
+        camera = self._stage.scene.camera
+        if camera is not None and camera.moves:
+            self._look(time)
+        self._plotter.reset_camera_clipping_range()
+
+    def picture(self) -> np.ndarray:
+        """What is drawn, [h, w, 3] uint8 sRGB, top row first."""
+        self._plotter.render()  # else a screenshot shows what was drawn last
+        return self._plotter.screenshot(None, return_img=True)
+
+    def _light(self, time: float) -> None:
+        """Puts lights, and the marks of what has no surface, where they are at a time code."""
+        self._plotter.remove_all_lights()
+        for light in self._stage.lights:
+            self._plotter.add_light(make_vtk_light(light, time))
+        scene = self._stage.scene
+        center, radius = (self._lower + self._upper) / 2, float(np.linalg.norm(self._upper - self._lower)) / 2
+        for mark in self._marks:
+            self._plotter.remove_actor(mark, reset_camera=False, render=False)
+        marks = [mark_light(light, center, radius, time) for light in scene.lights]
+        if not self._stage.has_results:
+            marks += [mark_domain(domain, time) for domain in scene.domains]
+            marks += [mark_emitter(emitter, time) for emitter in scene.emitters]
+        self._marks = [mark for mark in marks if mark is not None]
+        for mark in self._marks:
+            self._add(mark)
+
+    def _look(self, time: float) -> None:
+        """Sees through the stage's camera, or else the whole of what is looked at."""
+        width, height = self._plotter.window_size
+        scene = self._stage.scene
+        if scene.camera is None:
+            view = framed_view(self._lower, self._upper, scene.up, width / height)
+        else:
+            place = scene.camera.transform_at(time)
+            ahead = ((self._lower + self._upper) / 2 - place[3, :3]) @ -place[2, :3]
+            view = camera_view(scene.camera, time, width / height, max(ahead, 1e-3))
+        camera = self._plotter.camera
+        camera.position, camera.focal_point, camera.up = view.position, view.target, view.up
+        camera.view_angle = view.angle
+        camera.SetWindowCenter(*view.shift)
+        self._plotter.camera_set = True
+
+    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of what is looked at: the domains with some room around them, or the set if there is none."""
+        scene = self._stage.scene
+        points = [
+            transform_points(domain.transform_at(scene.start), _corners(domain.lower, domain.upper))
+            for domain in scene.domains
+        ] or [
+            transform_points(surface.transform_at(scene.start), surface.mesh.points_at(scene.start))
+            for surface in scene.surfaces
+        ]
+        every = np.concatenate([*points, np.zeros((0 if points else 1, 3))])
+        lower, upper = every.min(axis=0), every.max(axis=0)
+        room = 0.1 * (upper - lower) if scene.domains else 0.0
+        return lower - room, upper + room
+
+    def _add(self, actor: pv.Actor) -> None:
+        self._plotter.add_actor(actor, reset_camera=False, render=False)
+
+
+def _changes(record: Record) -> bool:
+    return any(isinstance(value, Samples) for value in vars(record).values())
+
+
+def _corners(lower, upper) -> np.ndarray:
+    return np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1).T

@@ -1,0 +1,59 @@
+"""A volume of smoke in VTK: what it takes to make VTK's ray caster keep to Beer and Lambert's law."""
+
+import numpy as np
+import pyvista as pv
+from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
+
+from warp_smoke.preview.smoke import SmokeVoxels
+
+# The opacity of voxels of greatest density along the unit distance, which is set so that this is right.
+_UNIT_DEPTH = 2.0
+# VTK's opacity for RGBA voxels is the first component's, but its unit distance is the last one's.
+_COMPONENTS = (0, 3)
+
+
+class SmokeActor:
+    """Draws one domain's smoke, which may be none.
+
+    Args:
+        plotter: where it is drawn.
+        step: distance between samples [voxels]; they are jittered, so that no rings show.
+    """
+
+    def __init__(self, plotter: pv.Plotter, step: float):
+        self._plotter, self._step = plotter, step
+        self._actor: pv.Volume | None = None
+
+    def show(self, smoke: SmokeVoxels | None) -> None:
+        """Draws these voxels in place of the last ones; None draws nothing."""
+        if self._actor is not None:
+            self._actor.visibility = smoke is not None
+        if smoke is None:
+            return
+        # Scale goes into the spacing: the ray caster measures distance before the actor's matrix.
+        matrix = np.array(smoke.to_world)
+        size = np.linalg.norm(matrix[:3, :3], axis=1)
+        matrix[:3, :3] /= size[:, None]
+        grid = pv.ImageData(dimensions=smoke.rgba.shape[:3], spacing=size)
+        # VTK's first index is the fastest.
+        grid.point_data["rgba"] = np.ascontiguousarray(smoke.rgba.transpose(2, 1, 0, 3)).reshape(-1, 4)
+        grid.point_data.active_scalars_name = "rgba"
+        if self._actor is None:
+            self._actor = self._add(grid)
+        else:
+            self._actor.mapper.dataset = grid
+        self._actor.user_matrix = matrix.T
+        self._actor.mapper.SetSampleDistance(self._step * size.min())
+        for component in _COMPONENTS:
+            self._actor.prop.SetScalarOpacityUnitDistance(component, _UNIT_DEPTH / smoke.extinction)
+
+    def _add(self, grid: pv.ImageData) -> pv.Volume:
+        actor = self._plotter.add_volume(grid, scalars="rgba", mapper="gpu", reset_camera=False, render=False)
+        actor.prop.interpolation_type = "linear"
+        opacity = vtkPiecewiseFunction()
+        for code in range(256):
+            opacity.AddPoint(code, 1.0 - np.exp(-_UNIT_DEPTH * code / 255))
+        actor.prop.SetScalarOpacity(opacity)
+        actor.mapper.SetAutoAdjustSampleDistances(False)
+        actor.mapper.SetUseJittering(True)
+        return actor
