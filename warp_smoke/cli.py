@@ -60,7 +60,9 @@ def run(
 
     scene = _open(stage, frames, resolution, bake_all)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=_err, transient=True) as progress:
+    with Progress(
+        *columns, TimeRemainingColumn(), console=_err, transient=True, disable=not _err.is_terminal
+    ) as progress:
         task = progress.add_task("Loading kernels (compiled on first use)", total=len(scene.frames))
         result = warp_smoke.run(
             scene,

@@ -140,11 +140,10 @@ class Launcher:
 
     def __init__(self, device: str = "cpu", threads: int | None = None):
         _start_warp()
-        try:
-            self.device = wp.get_device(device)
-        except (ValueError, RuntimeError):
-            allowed = ", ".join(each.alias for each in wp.get_devices())
-            raise ValueError(f"device is {device}; allowed here: {allowed}") from None
+        allowed = [each.alias for each in wp.get_devices()] + ["cuda"] * wp.is_cuda_available()
+        if device not in allowed:
+            raise ValueError(f"device is {device}; allowed here: {', '.join(allowed)}")
+        self.device = wp.get_device(device)
         available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
         self.threads = max(1, threads or available) if self.device.is_cpu else 1
         self.launches, self.allocated = Counter(), Counter()

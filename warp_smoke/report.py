@@ -13,7 +13,7 @@ def environment() -> dict:
 
     from warp_smoke.launch import Launcher
 
-    wp.init()
+    threads = Launcher("cpu").threads  # starts Warp
     return {
         "warp-smoke": version("warp-smoke"),
         "warp-lang": version("warp-lang"),
@@ -23,7 +23,7 @@ def environment() -> dict:
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
         "devices": [device.alias for device in wp.get_devices()],
-        "threads": Launcher("cpu").threads,
+        "threads": threads,
         "kernel cache": str(wp.config.kernel_cache_dir),
     }
 
