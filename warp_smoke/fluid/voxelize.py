@@ -20,6 +20,14 @@ wp.set_module_options({"enable_backward": False})
 _LEAST_COSINE = wp.constant(wp.float64(1e-5))
 
 
+# A cluster of triangles stands for its members from this many of its radii on. Warp's default, 2, takes 2.7 times as
+# long; 1 gave the same sign at 220,000 points within 0.4 cells of closed meshes, 0.8 did not.
+_ACCURACY = wp.constant(1.0)
+
+# Half the diagonal of a cell.
+_HALF_DIAGONAL = 0.8661
+
+
 @wp.func
 def _cube(x: wp.float64):
     """max(x, 0)³."""
@@ -69,32 +77,32 @@ def _voxelize(
     mesh: wp.uint64,
     lower: wp.vec3i,
     margin: float,
-    reach: float,
+    near: float,
+    far: float,
     trust: int,
     fraction_out: wp.array3d[float],
 ):
     """Share of each cell behind the plane at (signed distance − margin) from its centre.
 
-    Cells farther than `near` from the surface are 0 or 1. Between two such neighbours there is no surface, so the
+    Cells farther than `near` from the surface are 0 or 1. Between two such neighbours there is no surface, so their
     sign, which is dear, is found anew only after `trust` of them in a row.
     """
     i, j, c = wp.tid()
     i += rows.first
-    near = 0.867 + margin  # half the diagonal of a cell
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, fraction_out.shape[2])
     trusted = wp.int32(0)
     inside = wp.float32(0.0)
     while k < end:
         center = wp.vec3(float(lower[0] + i) + 0.5, float(lower[1] + j) + 0.5, float(lower[2] + k) + 0.5)
-        query = wp.mesh_query_point_sign_winding_number(mesh, center, near)
+        query = wp.mesh_query_point_sign_winding_number(mesh, center, near, _ACCURACY)
         if query.result:
             trusted = 0
             fraction_out[i, j, k] = _share_inside(mesh, query, center, margin)
         else:
             if trusted == 0:
-                far = wp.mesh_query_point_sign_winding_number(mesh, center, reach)
-                inside = wp.where(far.result and far.sign < 0.0, 1.0, 0.0)
+                query = wp.mesh_query_point_sign_winding_number(mesh, center, far, _ACCURACY)
+                inside = wp.where(query.result and query.sign < 0.0, 1.0, 0.0)
                 trusted = trust
             trusted -= 1
             fraction_out[i, j, k] = inside
@@ -102,28 +110,29 @@ def _voxelize(
 
 
 @wp.kernel
-def _measure_surface_velocity(
+def _measure_velocity(
     rows: Rows,
     mesh: wp.uint64,
     lower: wp.vec3i,
-    reach: float,
-    fraction: wp.array3d[float],
+    near: float,
+    centre: wp.vec3,
+    mean: wp.vec3,
+    gradient: wp.mat33,
     u_out: wp.array3d[float],
     v_out: wp.array3d[float],
     w_out: wp.array3d[float],
 ):
-    """(u, v, w) = velocity of the surface at its closest point, for cells that are inside at least in part; else 0."""
+    """(u, v, w) = velocity of the closest point of the surface; mean + gradient (x − centre) where that is not near."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, fraction.shape[2])
+    end = wp.min(k + rows.run, u_out.shape[2])
     while k < end:
-        velocity = wp.vec3(0.0, 0.0, 0.0)
-        if fraction[i, j, k] > 0.0:
-            center = wp.vec3(float(lower[0] + i) + 0.5, float(lower[1] + j) + 0.5, float(lower[2] + k) + 0.5)
-            query = wp.mesh_query_point_no_sign(mesh, center, reach)
-            if query.result:
-                velocity = wp.mesh_eval_velocity(mesh, query.face, query.u, query.v)
+        x = wp.vec3(float(lower[0] + i) + 0.5, float(lower[1] + j) + 0.5, float(lower[2] + k) + 0.5)
+        velocity = mean + gradient * (x - centre)
+        query = wp.mesh_query_point_no_sign(mesh, x, near)
+        if query.result:
+            velocity = wp.mesh_eval_velocity(mesh, query.face, query.u, query.v)
         u_out[i, j, k] = velocity[0]
         v_out[i, j, k] = velocity[1]
         w_out[i, j, k] = velocity[2]
@@ -153,8 +162,8 @@ class MeshVoxels:
         shape: cells of the box; (0, 0, 0) before the first update, and where the mesh has no triangles or lies outside
             the lattice: `fraction` and `velocity` then say nothing.
         fraction: share of each cell inside, [*shape], 0 to 1.
-        velocity: u, v, w of the surface along the lattice's axes at cells inside (also in part), each [*shape] [m/s];
-            None if the mesh never moves.
+        velocity: u, v, w of the mesh along the lattice's axes at the cells of the box, each [*shape] [m/s]: of the
+            closest point of the surface near it, elsewhere of the motion as a whole; None if the mesh never moves.
     """
 
     def __init__(self, launcher: Launcher, lattice: Lattice, prim: Emitter | Collider, label: str, margin: float = 0.0):
@@ -204,7 +213,7 @@ class MeshVoxels:
         self._fit_box(points)
         if 0 not in self.shape:
             self._place_mesh(points, velocity)
-            self._fill(points)
+            self._fill(points, velocity)
         return True
 
     def _points_at(self, time: float) -> np.ndarray:
@@ -242,17 +251,25 @@ class MeshVoxels:
             support_winding_number=True,
         )
 
-    def _fill(self, points: np.ndarray) -> None:
+    def _fill(self, points: np.ndarray, velocity: np.ndarray) -> None:
         """Queries the mesh at the cells of the box."""
         count = int(np.prod(self.shape))
         if not self._storage or count > self._storage[0].size:
             arrays = 4 if self.moves else 1
             self._storage = tuple(self._launcher.zeros(count, self._label) for _ in range(arrays))
-        self.fraction, *velocity = (array[:count].reshape(self.shape) for array in self._storage)
+        self.fraction, *views = (array[:count].reshape(self.shape) for array in self._storage)
+        near = self._margin + _HALF_DIAGONAL
         # No cell of the box is farther from the mesh than this.
-        reach = float(np.linalg.norm(np.ptp(points, axis=0))) + 2.0 * self._margin + 4.0
+        far = float(np.linalg.norm(np.ptp(points, axis=0))) + 2.0 * self._margin + 4.0
         place = (self._mesh.id, wp.vec3i(*self.lower))
-        self._launcher.launch(_voxelize, self.shape, *place, self._margin, reach, self._trust, self.fraction)
+        self._launcher.launch(_voxelize, self.shape, *place, self._margin, near, far, self._trust, self.fraction)
         if self.moves:
-            self._launcher.launch(_measure_surface_velocity, self.shape, *place, reach, self.fraction, *velocity)
-            self.velocity = tuple(velocity)
+            self._launcher.launch(_measure_velocity, self.shape, *place, near, *_fit_motion(points, velocity), *views)
+            self.velocity = tuple(views)
+
+
+def _fit_motion(points: np.ndarray, velocity: np.ndarray) -> tuple[wp.vec3, wp.vec3, wp.mat33]:
+    """Centre of the points, their mean velocity, and its gradient by least squares: exact for rigid motion."""
+    centre, mean = points.mean(axis=0), velocity.mean(axis=0)
+    gradient, *_ = np.linalg.lstsq(points - centre, velocity - mean)
+    return wp.vec3(*centre), wp.vec3(*mean), wp.mat33(*gradient.T.ravel())

@@ -72,7 +72,7 @@ class ClosedComponents:
             return
         inside = np.flatnonzero(closed[labels])
         component = (np.cumsum(closed) - 1)[labels.ravel()[inside]]
-        order = np.argsort(component, kind="stable")
+        order = np.argsort(component.astype(np.min_scalar_type(self.count)), kind="stable")  # small integers sort fast
         self._sizes = np.bincount(component)
         ends = np.cumsum(self._sizes)
         starts = [np.arange(end - size, end, _CHUNK) for size, end in zip(self._sizes, ends, strict=True)]
