@@ -10,7 +10,6 @@ With B, l of light L at a point (`light_source.py`), V its visibility past surfa
 """
 
 from collections.abc import Collection, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -26,13 +25,6 @@ from warp_smoke.shading.vertices import VertexMap
 wp.set_module_options({"enable_backward": False})
 
 _LUMINANCE = wp.constant(wp.vec3(0.2126, 0.7152, 0.0722))  # of linear Rec. 709 RGB
-
-
-class Changes(NamedTuple):
-    """What an update changed: `moved` the points and normals, `relit` the light on them (before shadows)."""
-
-    moved: bool
-    relit: bool
 
 
 class ReceiverBake:
@@ -109,26 +101,21 @@ class ReceiverBake:
         rows = {path: shares[k] for k, path in enumerate(named)}
         return shares, self._launcher.array(np.array(row, np.int32), "bake"), rows
 
-    def update(self, time: float) -> Changes:
+    def update(self, time: float) -> None:
         """Brings points, normals and unshadowed light to a time code; computes only what changed."""
         moved = self.map.update(time)
         eye = None if self._camera is None else self._camera.transform_at(time)[3, :3] - self._origin
-        looked = self._radiance is not None and not np.array_equal(eye, self._eye)
+        looked = not np.array_equal(eye, self._eye)
         self._eye = eye
-        relit = False
         for index, light in enumerate(self._lights):
             source, before = light_source(light, self._origin, time), self._sources[index]
-            if before is None or source.numpy_value() != before.numpy_value():
-                self._sources[index], changed = source, True
-            else:
-                changed = moved
+            changed = moved or before is None or source.numpy_value() != before.numpy_value()
+            self._sources[index] = source
             if changed and self._weights is not None:
-                args = (self._sources[index], self.map.points, self.map.normals, self._weights[index])
+                args = (source, self.map.points, self.map.normals, self._weights[index])
                 self._launcher.launch_each(_weigh_light, self.map.count, *args)
             if (changed or looked) and self._radiance is not None:
                 self._shade_light(index)
-            relit |= changed or looked
-        return Changes(moved, relit)
 
     def _shade_light(self, index: int) -> None:
         place = (self._sources[index], self.map.points, self.map.normals, self._diffuse)
