@@ -13,6 +13,7 @@ from warp_smoke.preview.smoke import SmokeVoxels, color_smoke, find_smoke
 from warp_smoke.scene import SmokeDomain
 from warp_smoke.shading.textures import Picture
 from warp_smoke.usd.read import read_scene
+from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
 from warp_smoke.usd.write import RESULTS_SUFFIX
 from warp_smoke.vdb import read_vdb
 
@@ -53,7 +54,6 @@ class PreviewStage:
         self.scene = read_scene(file)
         self.lights, self.ambient = lights_of(self.scene)
         stage = self._stage = Usd.Stage.Open(str(file))
-        self._file = file
         self._domains = {domain.path: domain for domain in self.scene.domains}
         prims = stage.Traverse(Usd.TraverseInstanceProxies())
         self._volumes = [UsdVol.Volume(prim) for prim in prims if prim.IsA(UsdVol.Volume) and _density_field(prim)]
@@ -122,9 +122,8 @@ class PreviewStage:
 
     def _domain_of(self, volume: Usd.Prim) -> SmokeDomain:
         """The domain whose smoke a volume holds; a default one for volumes of other makers."""
-        targets = volume.GetRelationship("smoke:domain").GetTargets() if volume.HasRelationship("smoke:domain") else []
-        path = str(targets[0] if targets else volume.GetPath())
-        return self._domains.get(path) or SmokeDomain(path=path)
+        paths = map(str, volume.GetRelationship(DOMAIN_RELATIONSHIP).GetTargets())
+        return next(filter(None, map(self._domains.get, paths)), SmokeDomain(path=str(volume.GetPath())))
 
 
 def find_stage(path: str | Path) -> Path:

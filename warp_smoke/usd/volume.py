@@ -16,6 +16,8 @@ from warp_smoke.vdb import Grid, write_vdb
 
 # Names that Blender, Houdini and Karma know.
 GRID_NAMES = {"density": "density", "temperature": "temperature", "velocity": "vel"}
+# On a volume: the domain whose smoke it holds, for what no volume says itself, such as the extinction.
+DOMAIN_RELATIONSHIP = "smokeVolume:domain"
 # Voxels that dim light by less than this are left out: along 100 of them that makes 0.0001.
 FAINTEST = 1e-6
 # Velocity is kept this far around the smoke [voxels], for motion blur to reach into.
@@ -131,6 +133,7 @@ def define_volume(stage: Usd.Stage, result: VolumeResult) -> UsdVol.Volume:
     volume.SetXformOpOrder([operation])
     upper = [n * lattice.voxel_size for n in lattice.shape]
     volume.CreateExtentAttr(Vt.Vec3fArray([Gf.Vec3f(0.0), Gf.Vec3f(upper)]))
+    volume.GetPrim().CreateRelationship(DOMAIN_RELATIONSHIP).SetTargets([domain.GetPath()])
     for token in result.grids:
         _define_field(volume, token, result.files)
     return volume
