@@ -10,5 +10,9 @@ def domain_bytes(plan: DomainPlan) -> int:
 
 
 def receiver_bytes(plan: ReceiverPlan) -> int:
-    """Device memory of a receiver's bake [bytes]."""
-    return plan.surface.receiver.texture_size**2 * (40 + 20 * len(plan.lights))
+    """Device memory of a receiver's bake, for a texture that the surface fills [bytes]."""
+    places = 68  # points, normals, uvs, triangle and weights of each texel, and the picture's codes
+    shares = 8 if {"visibility", "smokeShadow"} & set(plan.bakes) else 0
+    for light in plan.lights:
+        places += 12 * ("lit" in plan.bakes) + 4 * bool(light.surface_shadow) + 4 * bool(light.smoke) + shares // 2
+    return plan.surface.receiver.texture_size**2 * (places + shares // 2)
