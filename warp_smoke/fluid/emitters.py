@@ -1,0 +1,250 @@
+"""Emitters: meshes that hold density, temperature and velocity inside themselves, or add density at a rate.
+
+A cell counts by the share f of it that is inside. A held value e acts as ambient + f (e − ambient) where that departs
+further from ambient than what is there, so emitting twice is the same as once. A rate adds rate · dt · density · f: the
+mass is the same for any number of substeps.
+"""
+
+from itertools import pairwise
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from warp_smoke.fluid.grid import Block, Patch, make_patch
+from warp_smoke.fluid.voxelize import MeshVoxels
+from warp_smoke.geometry import transform_points
+from warp_smoke.lattice import Lattice
+from warp_smoke.launch import Launcher, Rows
+from warp_smoke.record import each_value, value_at
+from warp_smoke.scene import Emitter
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _hold(
+    rows: Rows,
+    lower: wp.vec3i,
+    fraction: wp.array3d[float],
+    value: float,
+    ambient: float,
+    a_inout: wp.array3d[float],
+):
+    """Hold: a = ambient + f (value − ambient) where that departs further from ambient."""
+    i, j, c = wp.tid()
+    i += rows.first
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, fraction.shape[2])
+    while k < end:
+        departure = fraction[i, j, k] * (value - ambient)
+        if wp.abs(departure) > wp.abs(a_inout[lower[0] + i, lower[1] + j, lower[2] + k] - ambient):
+            a_inout[lower[0] + i, lower[1] + j, lower[2] + k] = ambient + departure
+        k += 1
+
+
+@wp.kernel
+def _add(rows: Rows, lower: wp.vec3i, fraction: wp.array3d[float], amount: float, a_inout: wp.array3d[float]):
+    """Addition: a += f · amount."""
+    i, j, c = wp.tid()
+    i += rows.first
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, fraction.shape[2])
+    while k < end:
+        x = lower[0] + i
+        y = lower[1] + j
+        z = lower[2] + k
+        a_inout[x, y, z] = a_inout[x, y, z] + amount * fraction[i, j, k]
+        k += 1
+
+
+@wp.func
+def _inside(a: wp.array3d[float], i: int, j: int, k: int):
+    """The value of a, or 0 outside of its cells."""
+    value = wp.float32(0.0)
+    if i >= 0 and j >= 0 and k >= 0 and i < a.shape[0] and j < a.shape[1] and k < a.shape[2]:
+        value = a[i, j, k]
+    return value
+
+
+@wp.kernel
+def _push(
+    rows: Rows,
+    faces: Block,
+    lower: wp.vec3i,
+    fraction: wp.array3d[float],
+    velocity: float,
+    u_inout: wp.array3d[float],
+):
+    """Blend: u += ½ (f₋ + f₊) (velocity − u), f₋ and f₊ in the cells beside the face, 0 outside of the box."""
+    i, j, c = wp.tid()
+    i += rows.first + faces.first[0]
+    j += faces.first[1]
+    k = wp.max(faces.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, faces.stop)
+    while k < end:
+        before = _inside(fraction, i - faces.before[0], j - faces.before[1], k - faces.before[2])
+        share = 0.5 * (before + _inside(fraction, i, j, k))
+        u = u_inout[lower[0] + i, lower[1] + j, lower[2] + k]
+        u_inout[lower[0] + i, lower[1] + j, lower[2] + k] = u + share * (velocity - u)
+        k += 1
+
+
+@wp.kernel
+def _drag(
+    rows: Rows,
+    faces: Block,
+    lower: wp.vec3i,
+    fraction: wp.array3d[float],
+    surface: wp.array3d[float],
+    inherit: float,
+    u_inout: wp.array3d[float],
+):
+    """Addition: u += ½ inherit (f₋ s₋ + f₊ s₊), s the surface's velocity."""
+    i, j, c = wp.tid()
+    i += rows.first + faces.first[0]
+    j += faces.first[1]
+    k = wp.max(faces.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, faces.stop)
+    while k < end:
+        x = i - faces.before[0]
+        y = j - faces.before[1]
+        z = k - faces.before[2]
+        motion = _inside(fraction, x, y, z) * _inside(surface, x, y, z)
+        motion += _inside(fraction, i, j, k) * _inside(surface, i, j, k)
+        u = u_inout[lower[0] + i, lower[1] + j, lower[2] + k]
+        u_inout[lower[0] + i, lower[1] + j, lower[2] + k] = u + 0.5 * inherit * motion
+        k += 1
+
+
+class Interval(NamedTuple):
+    """A part of a step.
+
+    Attributes:
+        start, end: time codes.
+        dt: of smoke [s].
+    """
+
+    start: float
+    end: float
+    dt: float
+
+    @property
+    def middle(self) -> float:
+        """Time code half way."""
+        return 0.5 * (self.start + self.end)
+
+
+class Source:
+    """One emitter at work in a domain.
+
+    Held values are those at the end of an interval; a rate, and whether its emitter is on, those in its middle.
+
+    Attributes:
+        pushes: whether it gives the air a velocity.
+    """
+
+    def __init__(self, launcher: Launcher, lattice: Lattice, emitter: Emitter):
+        """Makes the emitter's mesh known to the device.
+
+        Args:
+            launcher: where it runs.
+            lattice: cells of the domain.
+            emitter: what emits.
+        """
+        self._launcher, self._lattice, self._emitter = launcher, lattice, emitter
+        self._voxels = MeshVoxels(launcher, lattice, emitter, "emitters")
+        self._inherits = self._voxels.moves and emitter.inherit_velocity != 0.0
+        self.pushes = self._inherits or bool(np.any(each_value(emitter.velocity)))
+
+    def sweep(self, start: float, end: float, dt: float) -> list[Interval]:
+        """Divides a step so that the emitter moves about a cell in each part, and leaves no gaps.
+
+        Args:
+            start: time code.
+            end: time code.
+            dt: seconds of smoke between them [s].
+        """
+        parts = 1
+        if self._voxels.moves:
+            # More would only help an emitter that is in the domain for a small part of its way.
+            parts = min(max(1, ceil(self._travel(start, end))), 2 * sum(self._lattice.shape))
+        times = np.linspace(start, end, parts + 1)
+        return [Interval(*times, dt / parts) for times in pairwise(times.tolist())]
+
+    def place(self, interval: Interval) -> None:
+        """Moves the emitter to where it is at the end of an interval."""
+        self._voxels.update(*interval)
+
+    def _travel(self, start: float, end: float) -> float:
+        """How far any point moves along an axis [cells]."""
+        to_cells, emitter = self._lattice.world_to_cells(), self._emitter
+        was, now = (
+            transform_points(emitter.transform_at(time) @ to_cells, emitter.mesh.points_at(time))
+            for time in (start, end)
+        )
+        return float(np.abs(now - was).max(initial=0.0))
+
+    def emit_density(self, interval: Interval, density: wp.array) -> None:
+        """Holds the density, or adds to it at the emitter's rate.
+
+        Args:
+            interval: from `sweep`.
+            density: [nx, ny, nz], changed.
+        """
+        emitter, middle = self._emitter, interval.middle
+        if emitter.rate is None:
+            self._hold(interval.end, density, value_at(emitter.density, interval.end), 0.0)
+        elif self._acts(middle):
+            amount = value_at(emitter.rate, middle) * value_at(emitter.density, middle) * interval.dt
+            self._launcher.launch(_add, self._voxels.shape, *self._place(), float(amount), density)
+
+    def emit_temperature(self, interval: Interval, temperature: wp.array, ambient: float) -> None:
+        """Holds the temperature.
+
+        Args:
+            interval: from `sweep`.
+            temperature: [nx, ny, nz], changed.
+            ambient: that of the air.
+        """
+        self._hold(interval.end, temperature, value_at(self._emitter.temperature, interval.end), ambient)
+
+    def emit_velocity(self, interval: Interval, velocity: tuple) -> None:
+        """Gives the air the emitter's velocity and its share of the motion; closed sides of the domain stay closed.
+
+        Args:
+            interval: from `sweep`.
+            velocity: u, v, w on faces along the lattice's axes [m/s], changed.
+        """
+        if not self._acts(interval.end):
+            return
+        given = self._lattice.axes @ np.asarray(value_at(self._emitter.velocity, interval.end))
+        for axis, component in enumerate(velocity):
+            shape, faces = self._faces(axis)
+            self._launcher.launch(_push, shape, faces, *self._place(), float(given[axis]), component)
+            if self._inherits:
+                surface = self._voxels.velocity[axis]
+                args = (*self._place(), surface, self._emitter.inherit_velocity, component)
+                self._launcher.launch(_drag, shape, faces, *args)
+
+    def _acts(self, time: float) -> bool:
+        return 0 not in self._voxels.shape and bool(value_at(self._emitter.enabled, time))
+
+    def _place(self) -> tuple[wp.vec3i, wp.array]:
+        """The box's first cell, and the share of its cells inside."""
+        return wp.vec3i(*self._voxels.lower), self._voxels.fraction
+
+    def _hold(self, time: float, field: wp.array, value: float, ambient: float) -> None:
+        if self._acts(time):
+            self._launcher.launch(_hold, self._voxels.shape, *self._place(), float(value), ambient, field)
+
+    def _faces(self, axis: int) -> Patch:
+        """Faces of the box across an axis, numbered within it, without those on closed sides of the domain."""
+        lower, count = self._voxels.lower[axis], self._voxels.shape[axis]
+        low, high = self._lattice.sides[2 * axis : 2 * axis + 2]
+        skipped = int(lower == 0 and low == "closed")
+        count += 1 - skipped - int(lower + count == self._lattice.shape[axis] and high == "closed")
+        unit = np.eye(3, dtype=int)[axis]
+        shape = np.where(unit, count, self._voxels.shape)
+        return make_patch(tuple(skipped * unit), tuple(shape.tolist()), tuple(unit), (0, 0, 0))

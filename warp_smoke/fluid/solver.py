@@ -1,0 +1,263 @@
+"""Stable fluids: the smoke of one domain, step by step.
+
+J. Stam, *Stable Fluids*, 1999; R. Fedkiw, J. Stam, H. W. Jensen, *Visual Simulation of Smoke*, 2001. A step emits, adds
+forces, projects the velocity, carries all fields along it, and dissipates.
+"""
+
+from dataclasses import dataclass
+from math import ceil, isfinite, sqrt
+from typing import TYPE_CHECKING
+
+import warp as wp
+
+from warp_smoke.fluid.advection import ADVECTION_SCHEMES
+from warp_smoke.fluid.colliders import Solids
+from warp_smoke.fluid.dissipation import decay
+from warp_smoke.fluid.emitters import Source
+from warp_smoke.fluid.forces import Buoyancy
+from warp_smoke.fluid.measures import Measures
+from warp_smoke.fluid.operators import (
+    close_sides,
+    measure_divergence,
+    measure_fluid_divergence,
+    subtract_fluid_gradient,
+    subtract_gradient,
+)
+from warp_smoke.fluid.pressure import PRESSURE_SOLVERS, PressureProblem, PressureStatus
+from warp_smoke.fluid.state import make_state
+from warp_smoke.fluid.vorticity import VorticityConfinement
+from warp_smoke.launch import Launcher
+from warp_smoke.timing import Timings
+
+if TYPE_CHECKING:
+    from warp_smoke.plan import DomainPlan
+
+# With more steps in a frame than this, the Courant number may exceed the domain's limit: the smoke stays stable.
+_MAX_STEPS = 1000
+# A Courant number that exceeds the limit by round-off is not worth another step.
+_ROUND_OFF = 1e-5
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """What the solver did in one step or frame.
+
+    Attributes:
+        substeps: how many steps.
+        courant: largest max|u| dt / h that anything was carried with.
+        pressure: how well each step's pressure was solved for.
+        confinement: smallest share of the vorticity confinement asked for that its cap on kinetic energy let through.
+    """
+
+    substeps: int
+    courant: float
+    pressure: list[PressureStatus]
+    confinement: float
+
+
+class SmokeSolver:
+    """The smoke of one domain. Only the plan's passes are launched, and only what they need is allocated.
+
+    Attributes:
+        state: the fields.
+        solids: the colliders on the lattice, or None.
+    """
+
+    def __init__(self, launcher: Launcher, plan: "DomainPlan", timings: Timings):
+        """Allocates; steps allocate nothing on the device, except where a mesh outgrows its box.
+
+        Args:
+            launcher: where it runs.
+            plan: the domain, its lattice and what runs in it.
+            timings: takes the time of each pass.
+        """
+        self._launcher, self._timings, self._passes = launcher, timings, frozenset(plan.passes)
+        self._domain, self._lattice = plan.domain, plan.lattice
+        shape, sides, h = plan.lattice.shape, plan.lattice.sides, plan.lattice.h
+        self._sources = [Source(launcher, plan.lattice, emitter) for emitter in plan.emitters]
+        self.state = make_state(launcher, shape, self._passes, plan.domain.ambient_temperature)
+        self.solids = Solids(launcher, plan.lattice, plan.colliders) if self._has("voxelize_colliders") else None
+        if self._has("add_buoyancy"):
+            self._buoyancy = Buoyancy(launcher, shape, sides, plan.lattice.up)
+        if self._has("project_pressure"):
+            problem = PressureProblem(shape=shape, sides=sides, solids=self.solids, tolerance=plan.pressure_tolerance)
+            self._pressure_solver = PRESSURE_SOLVERS[plan.pressure_solver](launcher, problem)
+            self._divergence = launcher.zeros(shape, "divergence")
+            self._measures = Measures(launcher, shape)
+            self._advection = ADVECTION_SCHEMES[plan.advection](launcher, shape, sides)
+        if self._has("confine_vorticity"):
+            self._confinement = VorticityConfinement(launcher, shape, sides, h, self._measures)
+
+    def _has(self, name: str) -> bool:
+        return name in self._passes
+
+    def begin(self, time: float) -> None:
+        """Makes the first frame: still air, and what the emitters hold.
+
+        Args:
+            time: time code.
+        """
+        self._place_colliders(time, time, 0.0)
+        self._emit(time, time, 0.0)
+
+    def advance(self, start: float, end: float, seconds: float) -> StepReport:
+        """Advances the smoke in as many steps as the Courant number calls for.
+
+        Args:
+            start: time code.
+            end: time code.
+            seconds: of smoke between them [s].
+
+        Raises:
+            FloatingPointError: a field is not finite.
+        """
+        reports, left = [], 0
+        while left != 1:
+            left = max(1, min(self._count_steps(seconds), _MAX_STEPS - len(reports)))
+            dt, reached = seconds / left, start + (end - start) / left
+            reports.append(self.step(start, reached, dt))
+            start, seconds = reached, seconds - dt
+        return StepReport(
+            substeps=len(reports),
+            courant=max(report.courant for report in reports),
+            pressure=[status for report in reports for status in report.pressure],
+            confinement=min(report.confinement for report in reports),
+        )
+
+    def step(self, start: float, end: float, dt: float) -> StepReport:
+        """Advances the smoke in one step; only advection is split, if the Courant number is above the limit.
+
+        Args:
+            start: time code.
+            end: time code.
+            dt: seconds of smoke between them [s].
+
+        Raises:
+            FloatingPointError: a field is not finite.
+        """
+        self._place_colliders(start, end, dt)
+        self._emit(start, end, dt)
+        self._add_buoyancy(dt)
+        confinement = self._confine_vorticity(dt)
+        pressure = self._project_pressure()
+        courant = self._advect(dt)
+        self._dissipate(dt)
+        return StepReport(1, courant, pressure, confinement)
+
+    def _count_steps(self, seconds: float) -> int:
+        """Steps that keep (max|u| + a dt) dt within the limit, a the largest acceleration by buoyancy."""
+        if not self._has("project_pressure"):
+            return 1
+        domain, state = self._domain, self.state
+        with self._timings.measure("measure_motion"):
+            speed, _ = self._motion("advect_velocity")
+            density = self._departure("density", state.density, 0.0)
+            temperature = self._departure("temperature", state.temperature, domain.ambient_temperature)
+        acceleration = abs(domain.buoyancy_density) * density + abs(domain.buoyancy_temperature) * temperature
+        reach = domain.max_courant * self._lattice.h  # how far smoke may go in a step [m]
+        steps = seconds * (speed + sqrt(speed * speed + 4.0 * acceleration * reach)) / (2.0 * reach)
+        return ceil(min(steps, _MAX_STEPS) * (1.0 - _ROUND_OFF))
+
+    def _motion(self, name: str) -> tuple[float, float]:
+        """Largest speed [m/s] and kinetic energy [m²/s²] after the pass `name`."""
+        speed, energy = self._measures.motion(self.state.velocity)
+        if not isfinite(energy):
+            raise FloatingPointError(f"{self._domain.path}: velocity is not finite after {name}")
+        return speed, energy
+
+    def _departure(self, field: str, scalar: wp.array | None, ambient: float) -> float:
+        """Largest departure from ambient; 0 for a field that no pass needs."""
+        departure = 0.0 if scalar is None else self._measures.departure(scalar, ambient)
+        if not isfinite(departure):
+            raise FloatingPointError(f"{self._domain.path}: {field} is not finite after advect_{field}")
+        return departure
+
+    def _place_colliders(self, start: float, end: float, dt: float) -> None:
+        if self._has("voxelize_colliders"):
+            with self._timings.measure("voxelize_colliders"):
+                self.solids.update(start, end, dt)
+
+    def _emit(self, start: float, end: float, dt: float) -> None:
+        state = self.state
+        for source in self._sources:
+            for interval in source.sweep(start, end, dt):
+                with self._timings.measure("emit_density"):
+                    source.place(interval)
+                    source.emit_density(interval, state.density)
+                if self._has("emit_temperature"):
+                    with self._timings.measure("emit_temperature"):
+                        source.emit_temperature(interval, state.temperature, self._domain.ambient_temperature)
+                if self._has("emit_velocity") and source.pushes:
+                    with self._timings.measure("emit_velocity"):
+                        source.emit_velocity(interval, state.velocity)
+
+    def _add_buoyancy(self, dt: float) -> None:
+        if not self._has("add_buoyancy"):
+            return
+        domain, state = self._domain, self.state
+        with self._timings.measure("add_buoyancy"):
+            if domain.buoyancy_density:
+                self._buoyancy.add(state.density, 0.0, -domain.buoyancy_density * dt, state.velocity)
+            if domain.buoyancy_temperature and state.temperature is not None:
+                strength = domain.buoyancy_temperature * dt
+                self._buoyancy.add(state.temperature, domain.ambient_temperature, strength, state.velocity)
+
+    def _confine_vorticity(self, dt: float) -> float:
+        """Returns the share of the confinement that its cap let through."""
+        if not self._has("confine_vorticity"):
+            return 1.0
+        with self._timings.measure("confine_vorticity"):
+            return self._confinement.add(self.state.velocity, self._domain.vorticity, dt, self.state.energy_lost)
+
+    def _project_pressure(self) -> list[PressureStatus]:
+        if not self._has("project_pressure"):
+            return []
+        launcher, sides = self._launcher, self._lattice.sides
+        velocity, pressure = self.state.velocity, self.state.pressure
+        with self._timings.measure("project_pressure"):
+            if self.solids is None:
+                close_sides(launcher, sides, velocity)
+                measure_divergence(launcher, velocity, self._divergence)
+                status = self._pressure_solver.solve(self._divergence, pressure)
+                subtract_gradient(launcher, pressure, sides, velocity)
+            else:
+                self.solids.apply(velocity)
+                measure_fluid_divergence(launcher, velocity, self.solids, self._divergence)
+                status = self._pressure_solver.solve(self._divergence, pressure)
+                subtract_fluid_gradient(launcher, pressure, sides, self.solids, velocity)
+        return [status]
+
+    def _advect(self, dt: float) -> float:
+        """Carries all fields along the velocity; returns the Courant number."""
+        if not self._has("project_pressure"):
+            return 0.0
+        domain, state, advection = self._domain, self.state, self._advection
+        with self._timings.measure("measure_motion"):
+            speed, energy = self._motion("project_pressure")
+        courant = speed * dt / self._lattice.h
+        parts = max(1, ceil(min(courant / domain.max_courant, _MAX_STEPS) * (1.0 - _ROUND_OFF)))
+        with self._timings.measure("advect_velocity"):
+            advection.trace(state.velocity, dt / parts / self._lattice.h)
+        for _ in range(parts):
+            if self._has("advect_velocity"):
+                with self._timings.measure("advect_velocity"):
+                    state.velocity = advection.advect_velocity(state.velocity)
+            if self._has("advect_density"):
+                with self._timings.measure("advect_density"):
+                    state.density = advection.advect_scalar(state.density, 0.0)
+            if self._has("advect_temperature"):
+                with self._timings.measure("advect_temperature"):
+                    state.temperature = advection.advect_scalar(state.temperature, domain.ambient_temperature)
+        if self._has("confine_vorticity"):
+            with self._timings.measure("confine_vorticity"):
+                state.energy_lost = max(0.0, energy - self._motion("advect_velocity")[1])
+        return courant / parts
+
+    def _dissipate(self, dt: float) -> None:
+        domain, state = self._domain, self.state
+        if self._has("dissipate_density"):
+            with self._timings.measure("dissipate_density"):
+                decay(self._launcher, state.density, 0.0, domain.density_dissipation, dt)
+        if self._has("cool_temperature"):
+            with self._timings.measure("cool_temperature"):
+                decay(self._launcher, state.temperature, domain.ambient_temperature, domain.temperature_cooling, dt)

@@ -1,0 +1,53 @@
+"""What changes in time: the fields of one domain."""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from warp_smoke.fluid.grid import face_shape
+from warp_smoke.launch import Launcher
+
+
+@dataclass
+class SmokeState:
+    """Fields on a staggered grid; those that no pass needs are None.
+
+    Advection puts other arrays in their place, so read them anew after each step.
+
+    Attributes:
+        velocity: u [nx+1, ny, nz], v [nx, ny+1, nz], w [nx, ny, nz+1] on faces, along the lattice's axes [m/s].
+        density: at cell centres, [nx, ny, nz].
+        temperature: likewise.
+        pressure: dt p / h at cell centres, [nx, ny, nz] [m/s]: first guess of the next projection.
+        energy_lost: kinetic energy that advection has taken since the last projection, ½ Σ u² over faces [m²/s²]:
+            what vorticity confinement may give back.
+    """
+
+    velocity: tuple[wp.array, wp.array, wp.array] | None = None
+    density: wp.array | None = None
+    temperature: wp.array | None = None
+    pressure: wp.array | None = None
+    energy_lost: float = 0.0
+
+
+def make_state(
+    launcher: Launcher, shape: tuple[int, int, int], passes: frozenset[str], ambient_temperature: float
+) -> SmokeState:
+    """Still air at ambient temperature, with the fields that the passes work on.
+
+    Args:
+        launcher: where it runs.
+        shape: cells along each axis (nx, ny, nz).
+        passes: names of the passes.
+        ambient_temperature: of the air.
+    """
+    state = SmokeState()
+    if "emit_density" in passes:
+        state.density = launcher.zeros(shape, "density")
+    if "emit_temperature" in passes:
+        state.temperature = launcher.zeros(shape, "temperature")
+        state.temperature.fill_(ambient_temperature)
+    if "project_pressure" in passes:
+        state.velocity = tuple(launcher.zeros(face_shape(shape, axis), "velocity") for axis in range(3))
+        state.pressure = launcher.zeros(shape, "pressure")
+    return state
