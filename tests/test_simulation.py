@@ -1,0 +1,156 @@
+"""A plan at work: what is left out is neither launched nor allocated, and threads do not matter."""
+
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+import warp as wp
+from scenes import at, floor, plume
+
+import warp_smoke as ws
+from warp_smoke.kernels import kernel_modules
+from warp_smoke.simulation import Simulation
+
+
+def kernels_of(*modules):
+    """Names of the kernels that modules define."""
+    found = set()
+    for name in modules:
+        members = vars(import_module(f"warp_smoke.{name}")).values()
+        found |= {m.key for m in members if isinstance(m, wp.Kernel) and m.module.name == f"warp_smoke.{name}"}
+    return found
+
+
+def simulate(scene, frames=3, **options):
+    """A simulation after some frames, and its frames."""
+    simulation = Simulation(scene, **options)
+    return simulation, [simulation.step() for _ in range(frames)]
+
+
+CUBE = ws.Surface(path="/World/Cube", mesh=ws.Mesh.box(0.3), transform=at(0.6, 1.5, 0))
+BALL = ws.Collider(path="/World/Ball", mesh=ws.Mesh.sphere(0.3, 16), transform=at(0, 1.2, 0))
+
+
+# What switches an effect on, the modules whose kernels it launches, and labels of the memory that it takes.
+EFFECTS = {
+    "vorticity": ({"vorticity": 0.5}, {}, ["fluid.vorticity"], ["vorticity"]),
+    "dissipation": ({"density_dissipation": 0.5}, {}, ["fluid.dissipation"], []),
+    "collider": ({}, {"colliders": [BALL]}, ["fluid.colliders", "fluid.pressure.conjugate_gradient"], ["solids"]),
+    "surface shadow": (
+        {},
+        {"surfaces": [floor(), CUBE]},
+        ["shadow.cube", "shadow.directional"],
+        ["casters", "cube_map", "directional_map"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_left_out_effects_cost_nothing(name):
+    """Without the effect its kernels are never launched, loaded or given memory; with it they are."""
+    domain, scene, modules, labels = EFFECTS[name]
+    without, _ = simulate(plume())
+    with_it, _ = simulate(replace(plume(**domain), **scene))
+    kernels = kernels_of(*modules)
+    assert kernels
+    assert not kernels & set(without.launcher.launches)
+    assert kernels & set(with_it.launcher.launches)
+    assert not {f"warp_smoke.{module}" for module in modules} & set(kernel_modules(without.plan))
+    for label in labels:
+        assert label not in without.launcher.allocated
+        assert with_it.launcher.allocated[label] > 0
+
+
+def test_smokeless_scene_has_no_fluid():
+    """A set without smoke launches no kernel of the fluid or of smoke shadows, and bakes once."""
+    scene = replace(plume(), domains=(), emitters=(), surfaces=[floor(), CUBE])
+    simulation, frames = simulate(scene)
+    assert not kernels_of("fluid.advection", "fluid.operators", "shadow.smoke") & set(simulation.launcher.launches)
+    assert set(frames[0].pictures) == {("/World/Floor", "lit"), ("/World/Floor", "visibility")}
+    assert not frames[1].pictures
+    counts = dict(simulation.launcher.launches)
+    simulation.step()
+    assert dict(simulation.launcher.launches) == counts  # nothing moves: a frame launches nothing at all
+
+
+def test_unlit_scene_has_no_shading():
+    """Smoke alone launches no kernel of shadows or shading."""
+    simulation, _ = simulate(replace(plume(), surfaces=(), lights=()))
+    assert not kernels_of("shading.bake", "shading.texels", "shadow.smoke") & set(simulation.launcher.launches)
+    assert "light_buffer" not in simulation.launcher.allocated
+
+
+def test_static_shadows_are_traced_once():
+    """Maps of static lights and casters are traced at the first frame only."""
+    simulation, _ = simulate(replace(plume(), surfaces=[floor(), CUBE]))
+    assert simulation.launcher.launches["_trace_cube"] == 1
+    assert simulation.launcher.launches["_trace_directional"] == 1
+
+
+def test_minimal_plan_equals_full_plan():
+    """An emitter, collider and light that the plan leaves out change nothing, to the bit."""
+    scene = plume()
+    far = at(50, 0, 0)
+    more = replace(
+        scene,
+        emitters=[*scene.emitters, replace(scene.emitters[0], path="/World/Off", enabled=False)],
+        colliders=[replace(BALL, transform=far)],
+        lights=[*scene.lights, ws.PointLight(path="/World/Dark", intensity=0.0)],
+    )
+    _, plain = simulate(scene)
+    _, full = simulate(more)
+    for a, b in zip(plain, full, strict=True):
+        np.testing.assert_array_equal(a.smoke["/World/Smoke"].density, b.smoke["/World/Smoke"].density)
+        for key, pixels in a.pictures.items():
+            np.testing.assert_array_equal(pixels, b.pictures[key])
+
+
+@pytest.mark.parametrize("collider", [False, True])
+def test_same_bits_for_any_number_of_threads(collider):
+    """Fields and pictures of whole frames are bit-equal for 1, 2 and 7 threads, and from run to run."""
+    scene = plume(resolution=24, vorticity=0.5, grids=("density", "temperature", "velocity"))
+    scene = replace(scene, surfaces=[floor(), CUBE], colliders=[BALL] if collider else [])
+    _, reference = simulate(scene, threads=1)
+    for threads in (1, 2, 7):
+        _, frames = simulate(scene, threads=threads)
+        for a, b in zip(reference, frames, strict=True):
+            for name in ("density", "temperature", "velocity"):
+                x, y = (getattr(frame.smoke["/World/Smoke"], name) for frame in (a, b))
+                np.testing.assert_array_equal(x.view(np.int32), y.view(np.int32))
+            for key, pixels in a.pictures.items():
+                np.testing.assert_array_equal(pixels, b.pictures[key])
+
+
+def test_smoke_rises_and_shadows_the_floor():
+    """The plume's centre of mass goes up, its mass stays positive, and the floor below gets darker."""
+    _, frames = simulate(plume(resolution=24), frames=8)
+    heights = []
+    for frame in frames:
+        density = frame.smoke["/World/Smoke"].density
+        assert np.all(np.isfinite(density))
+        assert density.min() >= 0.0
+        heights.append((density.sum(axis=(0, 2)) * (np.arange(density.shape[1]) + 0.5)).sum() / density.sum())
+    assert heights[-1] > heights[0] + 0.5
+    first, last = (frame.pictures["/World/Floor", "smokeShadow"].astype(int) for frame in (frames[0], frames[-1]))
+    assert first.min() < 250  # the emitter's own smoke is there from the first frame
+    assert last.sum() < first.sum()
+
+
+def test_fields_can_be_written_between_steps():
+    """What a script puts into the density is carried on and seen in the next frame."""
+    simulation, _ = simulate(plume(), frames=1)
+    before = simulation.density.numpy().sum()
+    density = np.zeros(simulation.density.shape, np.float32)
+    density[4:8, 4:8, 4:8] = 5.0
+    simulation.density.assign(density)
+    frame = simulation.step()
+    assert frame.smoke["/World/Smoke"].density.sum() > 2 * before
+
+
+def test_memory_estimate():
+    """The plan's estimate of device memory is within 15 % of what is allocated."""
+    scene = plume(resolution=32, vorticity=0.5)
+    simulation, _ = simulate(replace(scene, surfaces=[floor(texture_size=256), CUBE]), frames=1)
+    allocated = sum(simulation.launcher.allocated.values())
+    assert sum(simulation.plan.bytes.values()) == pytest.approx(allocated, rel=0.15)
