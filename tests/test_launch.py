@@ -78,6 +78,15 @@ def test_unknown_device(name):
         Launcher(name)
 
 
+def test_rows_of_another_length_are_recorded_anew(launcher):
+    """Grids that differ only along k are covered whole, in either order."""
+    for cells in (3, 8, 3):
+        a = launcher.array(np.ones((2, 1, cells), np.float32), "test")
+        out = launcher.zeros((2, 1, cells), "test")
+        launcher.launch(_blur_rows, (2, 1, cells), a, 0.5, out)
+        np.testing.assert_array_equal(out.numpy(), 2.0)
+
+
 def test_counts_launches_and_bytes(device):
     """Every launch and every byte is counted by name, and an empty launch does nothing."""
     launcher = Launcher(device, 2)

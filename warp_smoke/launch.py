@@ -184,7 +184,7 @@ class Launcher:
         if rows == 0 or 0 in inner:
             return
         self.launches[kernel.key] += 1
-        key = (kernel, rows, inner)
+        key = (kernel, rows, inner, run)
         recorded = self._recorded.get(key)
         if recorded is None:
             slabs = min(self.threads, rows, max(1, int(rows * share)))
