@@ -4,8 +4,6 @@ import warp as wp
 
 from warp_smoke.launch import Launcher
 
-wp.set_module_options({"enable_backward": False})
-
 
 @wp.func
 def dense_parts(a: wp.array3d[wp.float64]):
