@@ -36,7 +36,7 @@ BALL = ws.Collider(path="/World/Ball", mesh=ws.Mesh.sphere(0.3, 16), transform=a
 EFFECTS = {
     "vorticity": ({"vorticity": 0.5}, {}, ["fluid.vorticity"], ["vorticity"]),
     "dissipation": ({"density_dissipation": 0.5}, {}, ["fluid.dissipation"], []),
-    "collider": ({}, {"colliders": [BALL]}, ["fluid.colliders", "fluid.pressure.conjugate_gradient"], ["solids"]),
+    "collider": ({}, {"colliders": [BALL]}, ["fluid.colliders", "fluid.pressure.conjugate_gradient"], ["colliders"]),
     "surface shadow": (
         {},
         {"surfaces": [floor(), CUBE]},
@@ -148,9 +148,21 @@ def test_fields_can_be_written_between_steps():
     assert frame.smoke["/World/Smoke"].density.sum() > 2 * before
 
 
-def test_memory_estimate():
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"vorticity": 0.5},
+        {"advection": "semi_lagrangian"},
+        {"colliders": [BALL]},
+        {"surfaces": [floor(texture_size=256), CUBE]},
+        {"surfaces": ()},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_memory_estimate(change):
     """The plan's estimate of device memory is within 15 % of what is allocated."""
-    scene = plume(resolution=32, vorticity=0.5)
-    simulation, _ = simulate(replace(scene, surfaces=[floor(texture_size=256), CUBE]), frames=1)
+    of_domain = {name: value for name, value in change.items() if hasattr(ws.SmokeDomain, name)}
+    scene = replace(plume(resolution=32, **of_domain), **{k: v for k, v in change.items() if k not in of_domain})
+    simulation, _ = simulate(scene, frames=1)
     allocated = sum(simulation.launcher.allocated.values())
     assert sum(simulation.plan.bytes.values()) == pytest.approx(allocated, rel=0.15)

@@ -1,18 +1,61 @@
 """Estimates of device memory, before anything is allocated."""
 
-from warp_smoke.plan.passes import DomainPlan, ReceiverPlan
+from warp_smoke.plan.passes import DomainPlan, LightPlan, ReceiverPlan
+from warp_smoke.record import Samples
+from warp_smoke.shadow.light_buffer import fit_shear, light_in_cells
+
+# Floats for each cell; velocity components count as one each.
+_STATE = {"emit_density": 1, "emit_temperature": 1, "voxelize_colliders": 4, "confine_vorticity": 4}
+_FLOW = 5  # velocity, pressure's first guess and divergence
+_SOLVER = {"spectral": 1.1, "conjugate_gradient": 7.3}
+_ADVECTION = {"semi_lagrangian": 7.0, "maccormack": 16.0}
 
 
-def domain_bytes(plan: DomainPlan) -> int:
-    """Device memory of a domain's solver [bytes]."""
-    fields = 20 if "advect_density" in plan.passes else 2
-    return plan.lattice.cells * 4 * fields
+def memory_estimate(domains: tuple[DomainPlan, ...], receivers: tuple[ReceiverPlan, ...]) -> dict[str, int]:
+    """Device memory by prim path: of a domain's solver, a receiver's bake and a light's maps and buffers [bytes]."""
+    estimate = {each.domain.path: _domain_bytes(each) for each in domains}
+    maps: dict[str, dict[str, int]] = {}
+    for receiver in receivers:
+        estimate[receiver.surface.path] = _receiver_bytes(receiver)
+        for each in receiver.lights:
+            maps.setdefault(each.light.path, {}).update(_light_bytes(each))
+    return estimate | {path: sum(each.values()) for path, each in maps.items() if each}
 
 
-def receiver_bytes(plan: ReceiverPlan) -> int:
-    """Device memory of a receiver's bake, for a texture that the surface fills [bytes]."""
-    places = 68  # points, normals, uvs, triangle and weights of each texel, and the picture's codes
-    shares = 8 if {"visibility", "smokeShadow"} & set(plan.bakes) else 0
-    for light in plan.lights:
-        places += 12 * ("lit" in plan.bakes) + 4 * bool(light.surface_shadow) + 4 * bool(light.smoke) + shares // 2
-    return plan.surface.receiver.texture_size**2 * (places + shares // 2)
+def _domain_bytes(plan: DomainPlan) -> int:
+    floats = sum(count for name, count in _STATE.items() if name in plan.passes)
+    if "project_pressure" in plan.passes:
+        floats += _FLOW + _SOLVER[plan.pressure_solver] + _ADVECTION[plan.advection]
+        floats += 20 / plan.lattice.shape[1]  # sums along j, in double precision
+    return int(4 * plan.lattice.cells * floats)
+
+
+def _receiver_bytes(plan: ReceiverPlan) -> int:
+    """For a texture that the surface fills."""
+    shares = 4 * bool({"visibility", "smokeShadow"} & set(plan.bakes))
+    texel = 68 + shares  # points, normals, uvs, triangles, weights, colours and the picture's codes
+    for each in plan.lights:
+        texel += 12 * ("lit" in plan.bakes) + 4 * bool(each.surface_shadow) + 4 * bool(each.smoke) + shares
+    return plan.surface.receiver.texture_size**2 * texel
+
+
+def _light_bytes(plan: LightPlan) -> dict[str, int]:
+    """The light's depth map and its buffer for each domain."""
+    size = plan.light.shadow_map_size
+    faces = {"cube": 6, "directional": 1}.get(plan.surface_shadow, 0)
+    found = {"map": 4 * faces * size**2} if faces else {}
+    for each, method in plan.smoke:
+        if method != "ray_traced":
+            found[each.domain.path] = _buffer_bytes(plan, each)
+    return found
+
+
+def _buffer_bytes(plan: LightPlan, each: DomainPlan) -> int:
+    transform = plan.light.transform
+    time = transform.times[0] if isinstance(transform, Samples) else 0.0
+    shear = fit_shear(light_in_cells(plan.light, each.lattice, time), each.lattice.shape, plan.light.smoke_shadow_size)
+    if shear is None:
+        return 0
+    layers = -(-shear.slices // 2)
+    border = [n + 2 for axis, n in enumerate(each.lattice.shape) if axis != shear.axis]
+    return 4 * (shear.slices * border[0] * border[1] + layers * shear.texels[0] * shear.texels[1])

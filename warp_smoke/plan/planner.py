@@ -1,7 +1,7 @@
 """The plan of a scene: walks back from the outputs, volume files and baked textures, to what they need."""
 
 from warp_smoke.plan.fluid import plan_domain
-from warp_smoke.plan.memory import domain_bytes, receiver_bytes
+from warp_smoke.plan.memory import memory_estimate
 from warp_smoke.plan.passes import Ledger, Plan
 from warp_smoke.plan.shading import plan_receivers
 from warp_smoke.scene import Scene
@@ -18,6 +18,5 @@ def make_plan(scene: Scene) -> Plan:
         ledger.omit("simulate", (), "the stage has no smoke domain")
     domains = tuple(plan for domain in scene.domains if (plan := plan_domain(ledger, scene, domain)))
     receivers = plan_receivers(ledger, scene, domains)
-    estimate = {each.domain.path: domain_bytes(each) for each in domains}
-    estimate |= {each.surface.path: receiver_bytes(each) for each in receivers}
+    estimate = memory_estimate(domains, receivers)
     return Plan(scene, ledger.in_order(), tuple(ledger.left_out.values()), domains, receivers, estimate)
