@@ -26,7 +26,7 @@ QUAD = """
 def write_stage(folder: Path, prims: str, header: str = HEADER) -> Path:
     """A stage file with some prims below /World; a brace may close on the last line of what it holds."""
     path = folder / "scene.usda"
-    prims = prims.replace(" }", "\n}")
+    prims = prims.replace(" }", "\n}\n")
     path.write_text(f'{header}\ndef Xform "World"\n{{\n{prims}\n}}\n')
     return path
 

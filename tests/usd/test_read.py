@@ -490,7 +490,7 @@ def test_syntax_errors_say_where(tmp_path):
 @given(st.binary(min_size=1, max_size=400), st.integers(0, 60))
 @settings(max_examples=60, deadline=None)
 def test_noise_never_crashes(tmp_path_factory, noise, keep):
-    """A stage's first bytes with noise after them, which names no default prim at best: refused in one line, without a crash."""
+    """A stage's first bytes with noise after them: refused in one line, without a crash."""
     path = tmp_path_factory.mktemp("noise") / "noise.usda"
     path.write_bytes(HEADER.encode()[:keep] + noise)
     with pytest.raises(ValueError, match=r"not a USD stage|defaultPrim is unset") as error:

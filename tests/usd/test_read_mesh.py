@@ -124,6 +124,30 @@ def test_moving_points_become_samples(tmp_path):
     assert np.array_equal(mesh.points_at(2), np.float32([[0, 0, 2], [1, 0, 2], [0, 1, 2]]))
 
 
+@pytest.mark.parametrize(
+    ("more", "faceted"),
+    [
+        ('token subdivisionScheme = "none"', False),
+        ("", True),
+        ("normal3f[] normals.timeSamples = { 1: [(0, 0, 1)], 3: [(0, 1, 0)] }", True),
+        ('normal3f[] normals = [(0, 0, 1)] ( interpolation = "constant" )', False),
+    ],
+)
+def test_normals_of_moving_points(tmp_path, more, faceted):
+    """Normals that would have to move with the points are left out, with a warning; authored ones that do not, stay."""
+    scene = scene_of(
+        tmp_path,
+        f"""def Mesh "A" {{
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points.timeSamples = {{ 1: [(0, 0, 0), (1, 0, 0), (0, 1, 0)], 3: [(0, 0, 4), (1, 0, 4), (0, 1, 4)] }}
+        {more} }}""",
+    )
+    warning = "/World/A: normals that move with the points are not supported; the mesh is faceted"
+    assert scene.warnings == ((warning,) if faceted else ())
+    assert (scene.surfaces[0].mesh.normals is None) == (faceted or "normals" not in more)
+
+
 def test_changing_number_of_points_is_warned_of(tmp_path):
     """A mesh whose topology changes keeps its first shape, and says so."""
     scene = scene_of(

@@ -106,14 +106,13 @@ def _read_normals(
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
     smooth = mesh.GetSubdivisionSchemeAttr().Get() != UsdGeom.Tokens.none
     if primvar and primvar.HasAuthoredValue():
-        values, interpolation = primvar.ComputeFlattened(reader.start), primvar.GetInterpolation()
-    elif mesh.GetNormalsAttr().HasAuthoredValue():
-        values, interpolation = mesh.GetNormalsAttr().Get(reader.start), mesh.GetNormalsInterpolation()
+        attribute, interpolation = primvar.GetAttr(), primvar.GetInterpolation()
+        values = primvar.ComputeFlattened(reader.start)
     else:
-        values, interpolation = None, ""
-    if deforms:
-        if smooth or values:
-            reader.warn(prim, "smooth normals of moving points are not supported; it is faceted")
+        attribute, interpolation = mesh.GetNormalsAttr(), mesh.GetNormalsInterpolation()
+        values = attribute.Get(reader.start)
+    if deforms and (attribute.ValueMightBeTimeVarying() or (smooth and not values)):
+        reader.warn(prim, "normals that move with the points are not supported; the mesh is faceted")
         return None
     if values:
         normals = each_corner(_array(values, np.float32).reshape(-1, 3), interpolation)

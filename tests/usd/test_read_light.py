@@ -1,0 +1,238 @@
+import numpy as np
+import pytest
+from pxr import UsdLux
+from stage_text import scene_of
+
+from warp_smoke.record import Samples
+from warp_smoke.scene import DistantLight, PointLight, SpotLight
+
+# The values that UsdLux itself falls back to.
+LUX = {"normalize": False, "intensity": 1.0}
+
+
+def light_of(folder, prim):
+    """The only light, and the warnings."""
+    scene = scene_of(folder, prim)
+    (light,) = scene.lights
+    return light, scene.warnings
+
+
+def test_sphere_light(tmp_path):
+    """A sphere light is a point light; what is not authored is as UsdLux says."""
+    assert light_of(tmp_path, 'def SphereLight "L" { }') == (PointLight(path="/World/L", radius=0.5, **LUX), ())
+    light, _ = light_of(
+        tmp_path,
+        """def SphereLight "L" {
+        color3f inputs:color = (1, 0.5, 0.1)
+        float inputs:intensity = 30.1
+        bool inputs:normalize = true
+        float inputs:radius = 0.2
+        double3 xformOp:translate = (1, 2, 3)
+        token[] xformOpOrder = ["xformOp:translate"] }""",
+    )
+    place = np.eye(4)
+    place[3, :3] = 1, 2, 3
+    assert light == PointLight(
+        path="/World/L", transform=place, color=(1.0, 0.5, 0.1), intensity=30.1, normalize=True, radius=0.2
+    )
+
+
+def test_distant_light(tmp_path):
+    """A distant light shines along its −Z axis."""
+    light, _ = light_of(
+        tmp_path,
+        """def DistantLight "L" {
+        float inputs:angle = 1
+        float inputs:intensity = 2
+        float xformOp:rotateX = -90
+        token[] xformOpOrder = ["xformOp:rotateX"] }""",
+    )
+    assert isinstance(light, DistantLight)
+    assert (light.angle, light.intensity, light.normalize, light.shadow_map_size) == (1.0, 2.0, False, 1024)
+    assert np.allclose(light.direction_at(1), (0, -1, 0))
+
+
+def test_shaping_makes_a_spot_light(tmp_path):
+    """ShapingAPI on a sphere light gives cone and focus."""
+    light, _ = light_of(
+        tmp_path,
+        """def SphereLight "L" ( apiSchemas = ["ShapingAPI"] ) {
+        float inputs:shaping:cone:angle = 30
+        float inputs:shaping:cone:softness = 0.1
+        float inputs:shaping:focus = 4 }""",
+    )
+    assert light == SpotLight(path="/World/L", cone_angle=30.0, cone_softness=0.1, focus=4.0, **LUX)
+
+
+def test_shadow_and_smoke_schemas(tmp_path):
+    """ShadowAPI switches the shadow off, SmokeLightAPI fills the rest."""
+    light, warnings = light_of(
+        tmp_path,
+        """def SphereLight "L" ( apiSchemas = ["ShadowAPI", "SmokeLightAPI"] ) {
+        bool inputs:shadow:enable = false
+        token smoke:falloffModel = "linear"
+        float smoke:falloffStart = 0.5
+        float smoke:falloffEnd = 8
+        float3 smoke:attenuation = (0, 0, 1)
+        token smoke:shadowFilter = "exact"
+        int smoke:shadowMapSize = 256
+        float smoke:shadowBias = 0.01
+        token smoke:smokeShadow = "dpd" }""",
+    )
+    assert warnings == ()
+    assert light == PointLight(
+        path="/World/L",
+        shadow_enable=False,
+        falloff_model="linear",
+        falloff_start=0.5,
+        falloff_end=8.0,
+        attenuation=(0.0, 0.0, 1.0),
+        shadow_filter="exact",
+        shadow_map_size=256,
+        shadow_bias=0.01,
+        smoke_shadow="dpd",
+        **LUX,
+    )
+
+
+def test_exposure_doubles_the_intensity(tmp_path):
+    """Intensity and exposure are one number, sampled where either changes."""
+    light, _ = light_of(tmp_path, 'def SphereLight "L" { float inputs:intensity = 3\nfloat inputs:exposure = 2 }')
+    assert light.intensity == 12.0
+    light, _ = light_of(
+        tmp_path,
+        """def SphereLight "L" {
+        float inputs:intensity.timeSamples = { 1: 1, 3: 3 }
+        float inputs:exposure.timeSamples = { 1: 0, 2: 1 } }""",
+    )
+    assert light.intensity == Samples([1, 2, 3], [1.0, 4.0, 6.0])
+
+
+def test_color_temperature_tints(tmp_path):
+    """The colour of a black body multiplies the light's own, only if it is switched on."""
+    kelvin = "float inputs:colorTemperature = 3000\ncolor3f inputs:color = (0.5, 1, 1)"
+    light, _ = light_of(tmp_path, f'def SphereLight "L" {{ {kelvin} }}')
+    assert light.color == (0.5, 1.0, 1.0)
+    light, _ = light_of(tmp_path, f'def SphereLight "L" {{ {kelvin}\nbool inputs:enableColorTemperature = true }}')
+    assert np.allclose(light.color, np.array(UsdLux.BlackbodyTemperatureAsRgb(3000.0)) * (0.5, 1, 1), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("prim", "area"),
+    [
+        ('def RectLight "L" { float inputs:width = 2\nfloat inputs:height = 3 }', 6.0),
+        ('def DiskLight "L" { float inputs:radius = 2 }', 4.0 * np.pi),
+        ('def CylinderLight "L" { float inputs:radius = 0.5\nfloat inputs:length = 4 }', 4.0 * np.pi),
+    ],
+)
+def test_area_lights_become_spheres_of_the_same_area(tmp_path, prim, area):
+    """The sphere's surface equals that of the rectangle, disk or cylinder; a warning says so."""
+    light, warnings = light_of(tmp_path, prim)
+    assert isinstance(light, PointLight)
+    assert np.isclose(4 * np.pi * light.radius**2, area, rtol=1e-6)
+    kind = prim.split()[1]
+    assert warnings == (f"/World/L: a {kind} is used as a sphere of the same area",)
+
+
+def test_dome_lights_are_ambient(tmp_path):
+    """The colours of all visible dome lights add up; a texture on one is warned of."""
+    scene = scene_of(
+        tmp_path,
+        """
+    def DomeLight "A" { color3f inputs:color = (0.1, 0.2, 0.3)\nfloat inputs:intensity = 2 }
+    def DomeLight "B" { color3f inputs:color = (0.5, 0, 0)\nasset inputs:texture:file = @sky.hdr@ }
+    def DomeLight "C" { token visibility = "invisible" }""",
+    )
+    assert np.allclose(scene.ambient, (0.7, 0.4, 0.6))
+    assert scene.lights == ()
+    assert scene.warnings == ("/World/B: inputs:texture:file is not supported; it has no effect",)
+
+
+def test_invisible_lights_are_off(tmp_path):
+    """Visibility switches a light, in time too."""
+    light, _ = light_of(tmp_path, 'def SphereLight "L" { token visibility = "invisible" }')
+    assert light.enabled is False
+    assert not light.shines
+    light, _ = light_of(
+        tmp_path, 'def SphereLight "L" { token visibility.timeSamples = { 1: "invisible", 3: "inherited" } }'
+    )
+    assert light.enabled == Samples([1, 3], [False, True])
+
+
+@pytest.mark.parametrize(
+    ("prim", "warning"),
+    [
+        ('def SphereLight "L" { float inputs:diffuse = 0.5 }', "inputs:diffuse is not supported; it has no effect"),
+        ('def SphereLight "L" { float inputs:diffuse = 1 }', None),
+        (
+            'def SphereLight "L" { rel collection:lightLink:excludes = </World> }',
+            "collection:lightLink is not supported; the light reaches everything",
+        ),
+        ('def SphereLight "L" { rel light:filters = </World> }', "light:filters is not supported; it has no effect"),
+        (
+            'def SphereLight "L" ( apiSchemas = ["ShadowAPI"] ) { color3f inputs:shadow:color = (1, 0, 0) }',
+            "inputs:shadow:color is not supported; it has no effect",
+        ),
+        (
+            'def DistantLight "L" ( apiSchemas = ["ShapingAPI"] ) { }',
+            "shaping of a distant light is not supported; it shines everywhere",
+        ),
+        (
+            'def DistantLight "L" ( apiSchemas = ["SmokeLightAPI"] ) { float smoke:falloffEnd = 3 }',
+            "smoke:falloffEnd is 3.0, which is not supported",
+        ),
+        (
+            'def PortalLight "L" { }',
+            "a light of type PortalLight is not supported; it is left out",
+        ),
+        (
+            'def SphereLight "L" { color3f inputs:color.timeSamples = { 1: (1, 0, 0), 2: (0, 1, 0) } }',
+            "inputs:color changes in time, which is not supported; its first value is used",
+        ),
+    ],
+)
+def test_what_lights_are_read_without_is_warned_of(tmp_path, prim, warning):
+    """Each input that has no effect is named, unless it says nothing."""
+    warnings = scene_of(tmp_path, prim).warnings
+    assert warnings == (() if warning is None else (f"/World/L: {warning}",))
+
+
+@pytest.mark.parametrize(
+    ("prim", "line"),
+    [
+        (
+            """def DistantLight "L" {
+            float3 xformOp:scale = (0, 0, 0)
+            token[] xformOpOrder = ["xformOp:scale"] }""",
+            "xformOp:* is [0.0, 0.0, 0.0]; allowed: a direction that is not zero",
+        ),
+        ('def SphereLight "L" { float inputs:intensity = -1 }', "inputs:intensity is -1.0; allowed: ≥ 0"),
+        ('def SphereLight "L" { float inputs:radius = -0.1 }', "inputs:radius is -0.1; allowed: ≥ 0"),
+        ('def RectLight "L" { float inputs:width = nan }', "inputs:width is nan; allowed: a finite number"),
+        (
+            'def SphereLight "L" { color3f inputs:color = (0, -1, 0) }',
+            "inputs:color is (0.0, -1.0, 0.0); allowed: ≥ 0",
+        ),
+        (
+            'def SphereLight "L" ( apiSchemas = ["ShapingAPI"] ) { float inputs:shaping:cone:angle = 0 }',
+            "inputs:shaping:cone:angle is 0.0; allowed: > 0",
+        ),
+        (
+            'def DomeLight "L" { color3f inputs:color = (nan, 0, 0) }',
+            "inputs:color is (nan, 0.0, 0.0); allowed: 3 finite numbers",
+        ),
+        (
+            'def SphereLight "L" ( apiSchemas = ["SmokeLightAPI"] ) { token smoke:falloffModel = "cubic" }',
+            "smoke:falloffModel is cubic; allowed: inverseSquare, linear, polynomial",
+        ),
+        (
+            'def SphereLight "L" ( apiSchemas = ["SmokeLightAPI"] ) { token smoke:falloffModel = "linear" }',
+            "smoke:falloffEnd is None; allowed: a distance, since falloff_model is linear",
+        ),
+    ],
+)
+def test_bad_lights_are_named_in_one_line(tmp_path, prim, line):
+    """Each bad light raises one line with file, prim, attribute, value and what is allowed."""
+    with pytest.raises(ValueError, match="allowed") as error:
+        scene_of(tmp_path, prim)
+    assert str(error.value) == f"{tmp_path / 'scene.usda'}: /World/L: {line}"

@@ -1,0 +1,259 @@
+import numpy as np
+import pytest
+from PIL import Image
+from stage_text import QUAD, scene_of
+
+from warp_smoke.scene import Material, Texture
+
+
+def with_material(surface, more=""):
+    """A mesh bound to a material whose UsdPreviewSurface has some inputs, beside other shaders."""
+    return f"""
+    def Mesh "A" ( apiSchemas = ["MaterialBindingAPI"] ) {{ {QUAD} rel material:binding = </World/M> }}
+    def Material "M" {{
+        token outputs:surface.connect = </World/M/S.outputs:surface>
+        def Shader "S" {{
+            uniform token info:id = "UsdPreviewSurface"
+            {surface}
+            token outputs:surface }}
+        {more} }}"""
+
+
+def texture(inputs, output="rgb"):
+    """A diffuse colour from a texture, and that texture."""
+    return (
+        f"color3f inputs:diffuseColor.connect = </World/M/T.outputs:{output}>",
+        f"""def Shader "T" {{
+        uniform token info:id = "UsdUVTexture"
+        {inputs}
+        float3 outputs:rgb
+        float outputs:r }}""",
+    )
+
+
+@pytest.fixture
+def picture(tmp_path):
+    """A picture beside the stage."""
+    path = tmp_path / "picture.png"
+    Image.new("RGB", (2, 2)).save(path)
+    return path
+
+
+def material_of(folder, *parts):
+    """The material of the only surface, and the warnings."""
+    scene = scene_of(folder, with_material(*parts))
+    (surface,) = scene.surfaces
+    return surface.material, scene.warnings
+
+
+def test_plain_colors(tmp_path):
+    """Colours and roughness are the shader's; the reflectance of ior 1.5 is 0.04."""
+    material, warnings = material_of(
+        tmp_path,
+        """color3f inputs:diffuseColor = (0.1, 0.2, 0.3)
+        color3f inputs:emissiveColor = (0, 0.5, 0)
+        float inputs:roughness = 0.7""",
+    )
+    assert warnings == ()
+    assert material == Material(
+        path="/World/M",
+        diffuse_color=(0.1, 0.2, 0.3),
+        emissive_color=(0.0, 0.5, 0.0),
+        roughness=0.7,
+        fresnel_r0=(0.04, 0.04, 0.04),
+    )
+
+
+def test_unset_inputs_are_those_of_the_specification(tmp_path):
+    """An empty UsdPreviewSurface: grey 0.18, roughness 0.5, ior 1.5."""
+    assert material_of(tmp_path, "")[0] == Material(path="/World/M", fresnel_r0=(0.04, 0.04, 0.04))
+
+
+def test_specular_workflow(tmp_path):
+    """In the specular workflow the reflectance is the specular colour."""
+    inputs = (
+        "int inputs:useSpecularWorkflow = 1\ncolor3f inputs:specularColor = (0.1, 0.2, 0.3)\nfloat inputs:metallic = 1"
+    )
+    assert material_of(tmp_path, inputs)[0].fresnel_r0 == (0.1, 0.2, 0.3)
+
+
+@pytest.mark.parametrize(("ior", "r0"), [(1.0, 0.0), (2.0, 1 / 9), (1.33, 0.02006)])
+def test_index_of_refraction(tmp_path, ior, r0):
+    """r₀ = ((n − 1)/(n + 1))²."""
+    material, _ = material_of(tmp_path, f"float inputs:ior = {ior}")
+    assert np.allclose(material.fresnel_r0, r0, rtol=1e-4)
+
+
+def test_metals_reflect_their_color(tmp_path):
+    """Metallic moves the diffuse colour into the reflectance: all of it at 1, half and half at 0.5."""
+    color = "color3f inputs:diffuseColor = (0.8, 0.4, 0.2)\nfloat inputs:metallic = "
+    metal, _ = material_of(tmp_path, color + "1")
+    assert (metal.diffuse_color, metal.fresnel_r0) == ((0.0, 0.0, 0.0), (0.8, 0.4, 0.2))
+    half, _ = material_of(tmp_path, color + "0.5")
+    assert (half.diffuse_color, half.fresnel_r0) == ((0.4, 0.2, 0.1), (0.42, 0.22, 0.12))
+
+
+def test_interface_inputs_are_followed(tmp_path):
+    """A value that the material passes on to its shader."""
+    material, _ = material_of(
+        tmp_path,
+        "float inputs:roughness.connect = </World/M.inputs:rough>",
+        'def "Unused" { }\nfloat inputs:rough = 0.9',
+    )
+    assert material.roughness == 0.9
+
+
+def test_texture(tmp_path, picture):
+    """A texture's file is found beside the stage; wraps, colour space, scale and bias are kept."""
+    parts = texture(
+        """asset inputs:file = @./picture.png@
+        token inputs:wrapS = "mirror"
+        token inputs:wrapT = "clamp"
+        token inputs:sourceColorSpace = "raw"
+        float4 inputs:scale = (2, 2, 2, 1)
+        float4 inputs:bias = (-0.1, 0, 0, 0)"""
+    )
+    material, warnings = material_of(tmp_path, *parts)
+    assert warnings == ()
+    assert material.diffuse_texture == Texture(
+        file=str(picture),
+        wrap_s="mirror",
+        wrap_t="clamp",
+        color_space="raw",
+        scale=(2.0, 2.0, 2.0, 1.0),
+        bias=(-0.1, 0.0, 0.0, 0.0),
+    )
+
+
+@pytest.mark.usefixtures("picture")
+def test_texture_without_wrap_modes_is_black_outside(tmp_path):
+    """As UsdPreviewSurface's specification says for useMetadata, its default, and a file that has none."""
+    material, _ = material_of(tmp_path, *texture("asset inputs:file = @./picture.png@"))
+    assert (material.diffuse_texture.wrap_s, material.diffuse_texture.wrap_t) == ("black", "black")
+
+
+@pytest.mark.usefixtures("picture")
+@pytest.mark.parametrize(
+    ("parts", "warning"),
+    [
+        (("float inputs:opacity = 0.5",), "/World/M/S: inputs:opacity is not supported; it has no effect"),
+        (("normal3f inputs:normal = (0, 0, 1)\nfloat inputs:opacity = 1",), None),
+        (
+            ("float inputs:roughness.connect = </World/M/T.outputs:r>", texture("")[1]),
+            "/World/M/S: a texture on inputs:roughness is not supported; its default is used",
+        ),
+        (
+            ("normal3f inputs:normal.connect = </World/M/T.outputs:rgb>", texture("")[1]),
+            "/World/M/S: inputs:normal is not supported; it has no effect",
+        ),
+        (
+            (
+                "float inputs:metallic = 1\n" + texture("")[0],
+                texture("asset inputs:file = @./picture.png@")[1],
+            ),
+            "/World/M/S: inputs:metallic with a textured diffuseColor is not supported; it has no effect",
+        ),
+        (
+            texture("asset inputs:file = @./picture.png@", "r"),
+            "/World/M/T: outputs:r alone is not supported as a colour; all three are used",
+        ),
+        (
+            texture("asset inputs:file = @./picture.<UDIM>.png@"),
+            "/World/M/T: inputs:file is ./picture.<UDIM>.png: tiles (UDIM) and files inside .usdz are not supported; "
+            "it is left out",
+        ),
+        (
+            (
+                texture("")[0],
+                texture("""asset inputs:file = @./picture.png@
+                float2 inputs:st.connect = </World/M/U.outputs:result>""")[1]
+                + 'def Shader "U" { uniform token info:id = "UsdTransform2d"\nfloat2 outputs:result }',
+            ),
+            "/World/M/U: UsdTransform2d is not supported; it has no effect",
+        ),
+        (
+            (
+                "color3f inputs:diffuseColor.connect = </World/M/P.outputs:result>",
+                'def Shader "P" { uniform token info:id = "UsdPrimvarReader_float3"\nfloat3 outputs:result }',
+            ),
+            "/World/M/S: inputs:diffuseColor from UsdPrimvarReader_float3 is not supported; its default is used",
+        ),
+    ],
+)
+def test_what_materials_are_read_without_is_warned_of(tmp_path, parts, warning):
+    """Each input that has no effect is named, unless it says nothing."""
+    assert material_of(tmp_path, *parts)[1] == (() if warning is None else (warning,))
+
+
+def test_other_shaders_are_grey(tmp_path):
+    """A material of another renderer reads as none, with one warning for all that is bound to it."""
+    prims = with_material("").replace("UsdPreviewSurface", "ArnoldStandard") + (
+        f'\ndef Mesh "B" ( apiSchemas = ["MaterialBindingAPI"] ) {{ {QUAD} rel material:binding = </World/M> }}'
+    )
+    scene = scene_of(tmp_path, prims)
+    assert [surface.material for surface in scene.surfaces] == [None, None]
+    text = "/World/M: only UsdPreviewSurface is supported; what it is bound to is read as grey"
+    assert scene.warnings == (text,)
+
+
+def test_bindings_come_from_above(tmp_path):
+    """A mesh takes the material bound to its group."""
+    scene = scene_of(
+        tmp_path,
+        """def Xform "G" ( apiSchemas = ["MaterialBindingAPI"] ) { rel material:binding = </World/M>
+        def Cube "A" { } }
+        def Material "M" { token outputs:surface.connect = </World/M/S.outputs:surface>
+        def Shader "S" { uniform token info:id = "UsdPreviewSurface"
+        float inputs:roughness = 0.25
+        token outputs:surface } }""",
+    )
+    assert scene.surfaces[0].material.roughness == 0.25
+
+
+def test_materials_of_face_subsets_are_warned_of(tmp_path):
+    """A mesh whose faces have materials of their own says so, and keeps its own one."""
+    scene = scene_of(
+        tmp_path,
+        with_material("").replace(
+            "rel material:binding = </World/M>",
+            """rel material:binding = </World/M>
+            def GeomSubset "F" ( apiSchemas = ["MaterialBindingAPI"] ) {
+            token familyName = "materialBind"
+            int[] indices = [0]
+            rel material:binding = </World/M> }""",
+        ),
+    )
+    assert scene.surfaces[0].material.path == "/World/M"
+    text = "/World/A: materials of its face subsets are not supported; the mesh's own one is used"
+    assert scene.warnings == (text,)
+
+
+@pytest.mark.usefixtures("picture")
+@pytest.mark.parametrize(
+    ("parts", "line"),
+    [
+        (("float inputs:roughness = 2",), "/World/M/S: inputs:roughness is 2.0; allowed: 0 to 1"),
+        (
+            ("color3f inputs:diffuseColor = (nan, 0, 0)",),
+            "/World/M/S: inputs:diffuseColor is (nan, 0.0, 0.0); allowed: 3 finite numbers",
+        ),
+        (
+            texture("asset inputs:file = @./gone.png@"),
+            "/World/M/T: inputs:file is @./gone.png@; allowed: a file that exists",
+        ),
+        (texture(""), "/World/M/T: inputs:file is unset; allowed: a picture"),
+        (
+            texture('asset inputs:file = @./picture.png@\ntoken inputs:wrapS = "tile"'),
+            "/World/M/T: inputs:wrapS is tile; allowed: repeat, clamp, mirror, black",
+        ),
+        (
+            texture('asset inputs:file = @./picture.png@\ntoken inputs:sourceColorSpace = "ACES"'),
+            "/World/M/T: inputs:sourceColorSpace is ACES; allowed: auto, sRGB, raw",
+        ),
+    ],
+)
+def test_bad_materials_are_named_in_one_line(tmp_path, parts, line):
+    """Each bad material raises one line with file, prim, attribute, value and what is allowed."""
+    with pytest.raises(ValueError, match="allowed") as error:
+        material_of(tmp_path, *parts)
+    assert str(error.value) == f"{tmp_path / 'scene.usda'}: {line}"
