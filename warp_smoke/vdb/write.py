@@ -111,8 +111,9 @@ class _Leaves:
 
 
 def _active_leaves(grid: Grid, run: Callable) -> _Leaves:
+    # Layer by layer, so that the work fits into the cache; at least one layer, if it is empty.
     start = -(grid.origin[0] % LEAF)
-    layers = [slice(max(i, 0), i + LEAF) for i in range(start, grid.shape[0] or 1, LEAF)]
+    layers = [slice(max(i, 0), i + LEAF) for i in range(start, max(grid.shape[0], 1), LEAF)]
     found = list(run(partial(_leaves_in_layer, grid), layers))
     position, masks = (np.concatenate(parts) for parts in zip(*found, strict=True))
     root, upper = position // (UPPER * LOWER), position // LOWER
