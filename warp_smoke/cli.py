@@ -215,7 +215,7 @@ def _warn(scene: "warp_smoke.Scene") -> None:
 def main() -> None:
     """Entry point of `warp-smoke`."""
     try:
-        status = app(exit_on_error=False, print_error=False)
+        status = app(sys.argv[1:], exit_on_error=False, print_error=False)
     except (CycloptsError, ValueError, OSError, NotImplementedError, ImportError, MemoryError) as error:
         _err.print(f"[red]error[/red] {_one_line(error)}", soft_wrap=True, highlight=False)
         status = 1 if isinstance(error, ImportError | MemoryError) else 2

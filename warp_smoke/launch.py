@@ -129,7 +129,7 @@ class Launcher:
     """Launches kernels on one device, allocates there, and counts both.
 
     Raises:
-        ValueError: there is no such device.
+        ValueError: there is no such device, or threads is less than 1.
 
     Attributes:
         device: the Warp device.
@@ -143,9 +143,11 @@ class Launcher:
         allowed = [each.alias for each in wp.get_devices()] + ["cuda"] * wp.is_cuda_available()
         if device not in allowed:
             raise ValueError(f"device is {device}; allowed here: {', '.join(allowed)}")
+        if threads is not None and threads < 1:
+            raise ValueError(f"threads is {threads}; allowed: whole numbers from 1")
         self.device = wp.get_device(device)
         available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-        self.threads = max(1, threads or available) if self.device.is_cpu else 1
+        self.threads = (threads or available) if self.device.is_cpu else 1
         self.launches, self.allocated = Counter(), Counter()
         self._recorded = {}
         self._workers = [_Worker() for _ in range(self.threads - 1)]

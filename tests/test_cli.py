@@ -1,0 +1,131 @@
+"""The command line: what it prints, its exit status, and one line for each mistake."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from warp_smoke import cli
+
+STAGES = Path(__file__).parents[1] / "stages"
+
+
+@pytest.fixture
+def warp_smoke(monkeypatch, capfd, tmp_path):
+    """Runs the command line in an empty folder; gives status, output and errors."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*args):
+        monkeypatch.setattr("sys.argv", ["warp-smoke", *map(str, args)])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        printed = capfd.readouterr()
+        return stopped.value.code, printed.out, printed.err
+
+    return call
+
+
+def test_run_plan_validate(warp_smoke, tmp_path):
+    """A stage is planned, run to out/NAME and validated."""
+    stage = STAGES / "smoke_only.usda"
+    status, out, _ = warp_smoke("plan", stage, "--resolution", 16)
+    assert status == 0
+    assert "advect_density" in out
+    assert "Left out" in out
+    status, out, err = warp_smoke("run", stage, "--resolution", 16, "--frames", "1:2", "--threads", 1)
+    assert (status, err) == (0, "")
+    assert "out/smoke_only/smoke_only.usda" in out
+    assert sorted(path.name for path in (tmp_path / "out/smoke_only/volumes").iterdir())[0].endswith("0001.vdb")
+    status, out, _ = warp_smoke("validate", "out/smoke_only")
+    assert (status, "no problems" in out) == (0, True)
+
+
+def test_json(warp_smoke):
+    """With --json standard output is one JSON document."""
+    stage = STAGES / "room.usda"
+    for command in (["plan", stage], ["run", stage], ["info"], ["validate", stage]):
+        status, out, _ = warp_smoke(*command, "--json")
+        assert status == 0
+        json.loads(out)
+
+
+def test_bake_all(warp_smoke):
+    """--bake-all plans a bake for every visible mesh."""
+    _, out, _ = warp_smoke("plan", STAGES / "room.usda", "--json", "--bake-all")
+    receivers = {each["subjects"][0] for each in json.loads(out)["passes"] if each["name"] == "bake"}
+    assert len(receivers) > 5
+
+
+def test_help_names_every_option(warp_smoke):
+    """--help is there for the tool and for each command."""
+    status, out, _ = warp_smoke("--help")
+    assert status == 0
+    for command in ("run", "plan", "preview", "validate", "info"):
+        assert command in out
+        assert warp_smoke(command, "--help")[0] == 0
+
+
+PLUME = STAGES / "plume.usda"
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["run"], "stage"),
+        (["frobnicate"], "frobnicate"),
+        (["run", "nothere.usda"], "nothere.usda"),
+        (["run", "noise.usda"], "noise.usda"),
+        (["run", "nodefault.usda"], "defaultPrim"),
+        (["run", PLUME, "--bogus"], "--bogus"),
+        (["run", PLUME, "--frames", "9:3"], "--frames is 9:3"),
+        (["run", PLUME, "--frames", "x"], "--frames is x"),
+        (["run", PLUME, "--resolution", "0"], "resolution is 0"),
+        (["run", PLUME, "--resolution", "many"], "many"),
+        (["run", PLUME, "--device", "abacus"], "device is abacus; allowed here: cpu"),
+        (["run", PLUME, "--threads", "-1"], "threads is -1"),
+        (["run", PLUME, "-o", STAGES], "would overwrite"),
+        (["preview", "nothere.usda"], "nothere.usda"),
+        (["preview", PLUME, "--frame", "999", "--screenshot", "a.png"], "frame is 999"),
+        (["validate", "nothere.usda"], "nothere.usda"),
+    ],
+)
+def test_bad_input(warp_smoke, tmp_path, args, said):
+    """A mistake ends with exit status 2 and one line that names it; no folder is left behind."""
+    (tmp_path / "noise.usda").write_bytes(bytes(range(256)))
+    (tmp_path / "nodefault.usda").write_text('#usda 1.0\ndef Xform "A"\n{\n}\n')
+    status, out, err = warp_smoke(*args)
+    assert status == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.startswith("error ")
+    assert said in err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "said"),
+    [
+        ("int smoke:resolution", "-5", "smoke:resolution is -5; allowed: whole numbers from 1"),
+        ("token smoke:advection", '"magic"', "smoke:advection is magic; allowed: semi_lagrangian, maccormack"),
+        ("float smoke:maxCourant", "-4", "smoke:maxCourant is -4.0; allowed: > 0"),
+        ("float smoke:buoyancyTemperature", "nan", "smoke:buoyancyTemperature is nan; allowed: a finite number"),
+    ],
+)
+def test_bad_attributes(warp_smoke, tmp_path, attribute, value, said):
+    """A bad attribute is named with file, prim, value and what is allowed."""
+    text = PLUME.read_text()
+    name = attribute.split()[1]
+    lines = [line for line in text.splitlines() if f" {name} =" not in line]
+    index = next(n for n, line in enumerate(lines) if "smoke:resolution" in line or "SmokeDomainAPI" in line)
+    while "{" not in lines[index] and "smoke:" not in lines[index]:
+        index += 1
+    lines.insert(index + 1, f"        {attribute} = {value}")
+    stage = tmp_path / "bad.usda"
+    stage.write_text("\n".join(lines) + "\n")
+    shutil.copytree(STAGES / "textures", tmp_path / "textures")
+    status, out, err = warp_smoke("run", stage)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "bad.usda: /World/Smoke: " in err
+    assert said in err
+    assert not (tmp_path / "out").exists()
