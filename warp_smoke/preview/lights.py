@@ -4,6 +4,8 @@ Approximate where VTK has no such light: linear falloff becomes a smooth one of 
 to the end, a cone has a hard edge, and no surface shades another. Baked surfaces do not use these lights.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 import pyvista as pv
 
@@ -48,8 +50,18 @@ def beam_on(light: Light, center: np.ndarray, radius: float, time: float) -> Bea
     return Beam(direction, strength / np.polyval(_falloff(light)[::-1], max(distance, radius)))
 
 
-def make_vtk_light(light: Light, time: float) -> pv.Light:
-    """VTK's light of linear colour B, as `warp_smoke.shading.light_source` defines it."""
+def set_lights(plotter: pv.Plotter, lights: Iterable[Light], time: float) -> None:
+    """Lights what a plotter draws, in linear light."""
+    plotter.remove_all_lights()
+    # Without any light at all VTK makes one itself, or adds a surface's diffuse colour to its ambient colour.
+    dark = pv.Light(light_type="scene light")
+    dark.SetDiffuseColor(0.0, 0.0, 0.0)
+    for light in (dark, *(_vtk_light(light, time) for light in lights)):
+        plotter.add_light(light)
+
+
+def _vtk_light(light: Light, time: float) -> pv.Light:
+    """VTK's light of colour B, as `warp_smoke.shading.light_source` defines it."""
     strength = np.asarray(light_source(light, np.zeros(3), time).strength)
     lamp = pv.Light(light_type="scene light")
     lamp.SetDiffuseColor(*strength)

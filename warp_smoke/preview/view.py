@@ -4,8 +4,8 @@ import numpy as np
 import pyvista as pv
 
 from warp_smoke.geometry import transform_points
-from warp_smoke.preview.camera import camera_view, framed_view
-from warp_smoke.preview.lights import make_vtk_light
+from warp_smoke.preview.camera import View, camera_view, framed_view
+from warp_smoke.preview.lights import set_lights
 from warp_smoke.preview.marks import mark_domain, mark_emitter, mark_light
 from warp_smoke.preview.stage import Frame, PreviewStage
 from warp_smoke.preview.surfaces import SurfaceActor
@@ -65,9 +65,7 @@ class StageView:
 
     def _light(self, time: float) -> None:
         """Puts lights, and the marks of what has no surface, where they are at a time code."""
-        self._plotter.remove_all_lights()
-        for light in self._stage.lights:
-            self._plotter.add_light(make_vtk_light(light, time))
+        set_lights(self._plotter, self._stage.lights, time)
         scene = self._stage.scene
         center, radius = (self._lower + self._upper) / 2, float(np.linalg.norm(self._upper - self._lower)) / 2
         for mark in self._marks:
@@ -90,11 +88,7 @@ class StageView:
             place = scene.camera.transform_at(time)
             ahead = ((self._lower + self._upper) / 2 - place[3, :3]) @ -place[2, :3]
             view = camera_view(scene.camera, time, width / height, max(ahead, 1e-3))
-        camera = self._plotter.camera
-        camera.position, camera.focal_point, camera.up = view.position, view.target, view.up
-        camera.view_angle = view.angle
-        camera.SetWindowCenter(*view.shift)
-        self._plotter.camera_set = True
+        look_from(self._plotter, view)
 
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners of what is looked at: the domains with some room around them, or the set if there is none."""
@@ -113,6 +107,15 @@ class StageView:
 
     def _add(self, actor: pv.Actor) -> None:
         self._plotter.add_actor(actor, reset_camera=False, render=False)
+
+
+def look_from(plotter: pv.Plotter, view: View) -> None:
+    """Sets the plotter's camera."""
+    camera = plotter.camera
+    camera.position, camera.focal_point, camera.up = view.position, view.target, view.up
+    camera.view_angle = view.angle
+    camera.SetWindowCenter(*view.shift)
+    plotter.camera_set = True  # else the first picture would frame everything
 
 
 def _changes(record: Record) -> bool:

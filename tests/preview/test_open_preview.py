@@ -1,0 +1,176 @@
+"""The preview of a stage, from its files to the picture."""
+
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+from pxr import Usd
+
+import warp_smoke as ws
+from warp_smoke.geometry import transform_points
+from warp_smoke.preview import open_preview
+from warp_smoke.preview.camera import camera_view
+from warp_smoke.preview.stage import PreviewStage
+from warp_smoke.preview.view import StageView
+from warp_smoke.usd.author import author_scene
+
+SIZE = (160, 120)
+
+
+def _picture(path, folder, frame):
+    """The picture that `open_preview` saves, [h, w, 3] int."""
+    file = folder / "picture.png"
+    open_preview(path, frame=frame, screenshot=file, size=SIZE)
+    return np.asarray(Image.open(file)).astype(int)
+
+
+def _without_smoke(results, frame, open_plotter):
+    """The same stage drawn twice by one plotter: with its smoke and without."""
+    stage = PreviewStage(results)
+    plotter = open_plotter(SIZE)
+    view = StageView(stage, plotter, 1.0)
+    whole = stage.load(frame)
+    bare = type(whole)(whole.number, (None,) * len(whole.smoke), whole.pictures, whole.colors)
+    pictures = []
+    for each in (whole, bare):
+        view.show(each)
+        pictures.append(view.picture().astype(int))
+    return pictures
+
+
+def test_smoke_covers_its_pixels(results, open_plotter):
+    """The ball of smoke changes the pixels that it covers, every one well inside it, and none outside."""
+    smoky, bare = _without_smoke(results, 4, open_plotter)
+    changed = np.abs(smoky - bare).max(axis=2) > 3
+    camera = PreviewStage(results).scene.camera
+    view = camera_view(camera, 4, SIZE[0] / SIZE[1], 5.0)
+    # From 6 units in front: the ball's edge is seen at asin(r/6) around the point (0, 1, 0).
+    y, x = np.indices(SIZE[::-1]) + 0.5
+    angle = np.arctan(np.hypot(x - 80, y - 60) / 60 * np.tan(np.radians(view.angle / 2)))
+    voxel = 2 / 16
+    assert changed[angle < np.arcsin((0.8 - 2 * voxel) / 6)].all()
+    assert not changed[angle > np.arcsin((0.8 + 2 * voxel) / 6)].any()
+
+
+def test_dense_smoke_hides_what_is_behind(results, open_plotter):
+    """Along its middle the ball is 8 · 1.6 deep: what is seen there is smoke alone, lit from above."""
+    smoky, bare = _without_smoke(results, 4, open_plotter)
+    assert np.abs(smoky[60, 80] - bare[60, 80]).max() > 20
+    assert np.ptp(smoky[60, 80]) < 5
+    assert smoky[48, 80].mean() > smoky[72, 80].mean() + 10
+
+
+def test_floor_shows_its_baked_picture(results, tmp_path):
+    """Where there is no smoke the floor has the baked bytes of its frame, in a stage given by file or by folder."""
+    assert (_picture(results, tmp_path, 3)[110, 20] == 200).all()
+    assert (_picture(results.parent, tmp_path, 4)[110, 20] == 100).all()
+
+
+def test_unbaked_look_is_lit_by_the_stage(results, tmp_path):
+    """With the look switched to the user's own, the floor has its material under the stage's lamp again."""
+    folder = tmp_path / "dcc"
+    shutil.copytree(results.parent, folder)
+    stage = Usd.Stage.Open(str(folder / results.name))
+    stage.GetDefaultPrim().GetVariantSet("smokeLook").SetVariantSelection("dcc")
+    stage.Save()
+    unlike = np.abs(_picture(folder, tmp_path, 3) - _picture(results, tmp_path, 3)).max(axis=2)
+    assert unlike[105:111, 15:25].min() > 20
+
+
+def test_smoke_behind_a_wall_is_hidden(results, tmp_path, open_plotter):
+    """A wall between the camera and the smoke hides it: the pictures with and without smoke are the same."""
+    folder = tmp_path / "walled"
+    shutil.copytree(results.parent, folder)
+    wall = """
+        #usda 1.0
+        (
+            subLayers = [@./ball.usda@]
+            defaultPrim = "World"
+            startTimeCode = 3
+            endTimeCode = 4
+        )
+        over "World"
+        {
+            def Mesh "Wall"
+            {
+                int[] faceVertexCounts = [4]
+                int[] faceVertexIndices = [0, 1, 2, 3]
+                point3f[] points = [(-2, -1, 2), (2, -1, 2), (2, 3, 2), (-2, 3, 2)]
+            }
+        }
+    """
+    (folder / "walled.usda").write_text("\n".join(line[8:] for line in wall.strip("\n").splitlines()))
+    smoky, bare = _without_smoke(folder / "walled.usda", 4, open_plotter)
+    np.testing.assert_array_equal(smoky, bare)
+
+
+def test_extinction_is_the_domains(results):
+    """Opacity follows the domain's extinction, found through the volume's relationship to it."""
+    (smoke,) = PreviewStage(results).load(4).smoke
+    assert smoke.extinction == pytest.approx(8.0, rel=1e-3)  # densities are stored in half precision
+
+
+def test_smoke_lies_where_the_lattice_put_it(results):
+    """The voxels' box around the ball of radius 0.8 at (0, 1, 0), within a voxel of 0.125 and the empty layer."""
+    (smoke,) = PreviewStage(results).load(4).smoke
+    last = np.array(smoke.rgba.shape[:3]) - 1
+    corners = transform_points(smoke.to_world, [np.zeros(3), last])
+    np.testing.assert_allclose(corners, [[-0.8, 0.2, -0.8], [0.8, 1.8, 0.8]], atol=0.125 + 1e-6)
+
+
+def test_middle_frame_unless_given(results, tmp_path):
+    """Without a frame the middle one of the stage is drawn: 4 of 3 and 4."""
+    np.testing.assert_array_equal(_picture(results, tmp_path, None), _picture(results, tmp_path, 4))
+
+
+def test_same_stage_same_picture(results, tmp_path):
+    """Two previews of one frame are byte-equal."""
+    np.testing.assert_array_equal(_picture(results, tmp_path, 3), _picture(results, tmp_path, 3))
+
+
+def test_stage_before_a_run_shows_its_setup(tmp_path, open_plotter):
+    """A user's own stage shows the domain's box and the emitter as wires."""
+    path = tmp_path / "mine.usda"
+    source = ws.Emitter(path="/World/Source", mesh=ws.Mesh.sphere(0.3))
+    author_scene(ws.Scene(domains=[ws.SmokeDomain(path="/World/Box")], emitters=[source]), path)
+    stage = PreviewStage(path)
+    assert not stage.has_results
+    plotter = open_plotter(SIZE)
+    view = StageView(stage, plotter, 1.0)
+    view.show(stage.load(1))
+    hue = view.picture().astype(int) @ [1, 0, -1]
+    assert (hue < -20).sum() > 100  # the box's blue
+    assert (hue > 20).sum() > 50  # the emitter's orange
+
+
+@pytest.mark.parametrize("frame", [2, 5])
+def test_frame_that_is_not_there(results, tmp_path, frame):
+    """A frame outside the stage's is refused with those that there are."""
+    with pytest.raises(ValueError, match=f"frame is {frame}; allowed: 3 to 4"):
+        _picture(results, tmp_path, frame)
+
+
+def test_missing_volume_file(results, tmp_path):
+    """A `.vdb` that is gone is named, with the prim and the frame."""
+    folder = tmp_path / "torn"
+    shutil.copytree(results.parent, folder)
+    (folder / "volumes" / "4.vdb").unlink()
+    with pytest.raises(ValueError, match=r"/World/Smoke_smoke/density.filePath: .*4\.vdb.* at frame 4"):
+        _picture(folder, tmp_path, 4)
+
+
+def test_damaged_volume_file(results, tmp_path):
+    """A `.vdb` cut short is refused in one line, not a crash."""
+    folder = tmp_path / "damaged"
+    shutil.copytree(results.parent, folder)
+    file = folder / "volumes" / "4.vdb"
+    file.write_bytes(file.read_bytes()[:200])
+    with pytest.raises(ValueError, match=r"4\.vdb"):
+        _picture(folder, tmp_path, 4)
+
+
+def test_folder_without_results(tmp_path):
+    """A folder that no run wrote is refused."""
+    with pytest.raises(ValueError, match="holds 0 results"):
+        open_preview(tmp_path, screenshot=tmp_path / "picture.png")

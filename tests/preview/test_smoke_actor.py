@@ -1,0 +1,52 @@
+"""VTK's ray caster as it is set up here: opacity after Beer and Lambert, whatever the voxels and the samples."""
+
+import numpy as np
+import pytest
+
+from warp_smoke.preview.smoke import SmokeVoxels
+from warp_smoke.preview.volume import SmokeActor
+
+TOLERANCE = 1  # the picture has 8 bits
+
+
+def _slab(shape, depth, turn, code=255):
+    """White voxels 1 unit thick along z, `depth` deep in all where their code is 255, turned about z by `turn`."""
+    rgba = np.full((*shape, 4), 255, np.uint8)
+    rgba[..., 3] = code
+    to_world = np.eye(4)
+    side = 1.0 / (shape[2] - 1)  # between the outermost samples
+    c, s = np.cos(turn), np.sin(turn)
+    to_world[:2, :2] = side * np.array([[c, s], [-s, c]])
+    to_world[2, 2] = side
+    to_world[3, :3] = -0.5 * (np.array(shape) - 1) @ to_world[:3, :3]
+    return SmokeVoxels(rgba, to_world, depth)
+
+
+@pytest.mark.parametrize(
+    ("cells", "step", "turn", "depth", "code"),
+    [(9, 1, 0, 1, 255), (33, 1, 0, 1, 255), (65, 2, 0, 1, 255), (33, 0.5, 0.4, 3, 255), (33, 1, 0, 4, 64)],
+)
+def test_opacity_is_that_of_the_smoke_passed(open_plotter, cells, step, turn, depth, code):
+    """Seen along its thickness, a slab of optical depth τ covers 1 − e^(−τ) for any voxel size, step and turn."""
+    plotter = open_plotter((40, 40))
+    SmokeActor(plotter, step).show(_slab((cells, cells, cells), depth, turn, code))
+    plotter.camera.parallel_projection = True
+    plotter.camera_position = [(0, 0, 4), (0, 0, 0), (0, 1, 0)]
+    plotter.camera.parallel_scale = 0.3
+    seen = plotter.screenshot(None, return_img=True)[5:35, 5:35].astype(float).mean()
+    assert seen == pytest.approx(255 * (1 - np.exp(-depth * code / 255)), abs=TOLERANCE)
+
+
+def test_smoke_that_ends_is_no_longer_drawn(open_plotter):
+    """None draws nothing, and smoke after it is drawn again."""
+    plotter = open_plotter((40, 40))
+    actor = SmokeActor(plotter, 1.0)
+    plotter.camera_position = [(0, 0, 4), (0, 0, 0), (0, 1, 0)]
+    seen = []
+    for smoke in (_slab((9, 9, 9), 3.0, 0.0), None, _slab((5, 5, 5), 3.0, 0.0)):
+        actor.show(smoke)
+        plotter.render()
+        seen.append(plotter.screenshot(None, return_img=True).max())
+    assert seen[0] > 200
+    assert seen[1] == 0
+    assert seen[2] > 200
