@@ -87,6 +87,7 @@ PLUME = STAGES / "plume.usda"
         (["run", PLUME, "-o", STAGES], "would overwrite"),
         (["preview", "nothere.usda"], "nothere.usda"),
         (["preview", PLUME, "--frame", "999", "--screenshot", "a.png"], "frame is 999"),
+        (["preview", PLUME, "--size", "0x9"], "--size is 0x9"),
         (["validate", "nothere.usda"], "nothere.usda"),
     ],
 )

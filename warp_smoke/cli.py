@@ -128,7 +128,7 @@ def plan(
 
 
 @app.command
-def preview(path: Path, *, frame: int | None = None, screenshot: Path | None = None):
+def preview(path: Path, *, frame: int | None = None, screenshot: Path | None = None, size: str = "1280x720"):
     """Look at a stage, or at the results in a folder, in a window or as a picture.
 
     Parameters
@@ -139,10 +139,15 @@ def preview(path: Path, *, frame: int | None = None, screenshot: Path | None = N
         Frame to start with; the middle one unless given.
     screenshot
         Save a picture here instead of opening a window.
+    size
+        Width and height in pixels.
     """
     from warp_smoke.preview import open_preview
 
-    open_preview(path, frame=frame, screenshot=screenshot)
+    width, _, height = size.partition("x")
+    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 8192 and 0 < int(height) <= 8192):
+        raise ValueError(f"--size is {size}; allowed: WIDTHxHEIGHT, 1 to 8192 pixels each")
+    open_preview(path, frame=frame, screenshot=screenshot, size=(int(width), int(height)))
     if screenshot:
         _out.print(f"Wrote {screenshot}", soft_wrap=True, highlight=False)
 
