@@ -6,7 +6,7 @@ cells and 2 on an open side, where q = 0 outside.
 """
 
 from math import prod, sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import warp as wp
 
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from warp_smoke.fluid.colliders import Solids
 
 wp.set_module_options({"enable_backward": False})
+
+# Residual due to the round-off of a pressure of 1: 12 half ulps from storing it, about as much from summing L q.
+_ROUND_OFF = 24 * 2.0**-24
 
 
 @wp.kernel
@@ -181,7 +184,7 @@ def _descend(
     residual_inout: wp.array3d[float],
     parts_out: wp.array3d[wp.float64],
 ):
-    """Adds step p to q and −step L p to r; parts of Σ r² and max |r|."""
+    """Adds step p to q and −step L p to r; parts of Σ r², max |r| and max |q|."""
     i, _, c = wp.tid()
     i += rows.first
     p = dense(padded)
@@ -195,12 +198,15 @@ def _descend(
     while k < end:
         parts[0, i, k] = wp.float64(0.0)
         parts[1, i, k] = wp.float64(0.0)
+        parts[2, i, k] = wp.float64(0.0)
         k += 1
     j = wp.int32(0)
     while j < a.shape[1]:
         k = start
         while k < end:
-            q[i, j, k] = q[i, j, k] + step * p[i + 1, j + 1, k + 1]
+            pressure = q[i, j, k] + step * p[i + 1, j + 1, k + 1]
+            q[i, j, k] = pressure
+            parts[2, i, k] = wp.max(parts[2, i, k], wp.float64(wp.abs(pressure)))
             value = r[i, j, k] - step * change[i, j, k]
             r[i, j, k] = value
             wide = wp.float64(value)
@@ -255,6 +261,14 @@ def _turn(
     while k < end:
         p[i + 1, j + 1, k + 1] = f[i, j, k] * z[i, j, k] + share * p[i + 1, j + 1, k + 1]
         k += 1
+
+
+class _Residual(NamedTuple):
+    """Largest absolute value and norm of a residual, and the largest absolute pressure that it was measured with."""
+
+    largest: float
+    norm: float
+    pressure: float
 
 
 class ConjugateGradientPressure:
@@ -315,26 +329,29 @@ class ConjugateGradientPressure:
         if self._solids is not None and self._prepared_for != self._solids.changes:
             self._prepare()
             self._prepared_for = self._solids.changes
-        zero_residual = self._measure(divergence)
+        zero_guess = self._measure(divergence)
+        if zero_guess.norm == 0.0:
+            pressure.zero_()
+            return PressureStatus(iterations=0, max_residual=0.0, rms_residual=0.0, converged=True)
         wp.copy(self._source, divergence)
         imbalance = self._components.remove_means(self._source)
 
         iterations = 0
-        residual, round_off = self._restart(pressure)
-        converged = self._is_small(residual, zero_residual, round_off)
+        residual = self._restart(pressure)
+        converged = self._is_small(residual, zero_guess)
         while not converged and iterations < self._max_iterations:
             before = residual
-            iterations += self._iterate(pressure, zero_residual, self._max_iterations - iterations)
+            iterations += self._iterate(pressure, zero_guess, self._max_iterations - iterations)
             # Round-off makes the residual that was updated drift from the true one: only the true one counts.
-            residual, round_off = self._restart(pressure)
-            converged = self._is_small(residual, zero_residual, round_off)
-            if residual[0] >= before[0] and residual[1] >= before[1]:
+            residual = self._restart(pressure)
+            converged = self._is_small(residual, zero_guess)
+            if not (residual.largest < before.largest or residual.norm < before.norm):
                 break
         self._components.remove_means(pressure)
         return PressureStatus(
             iterations=iterations,
-            max_residual=residual[0] / zero_residual[0] if zero_residual[0] else 0.0,
-            rms_residual=residual[1] / zero_residual[1] if zero_residual[1] else 0.0,
+            max_residual=residual.largest / zero_guess.largest,
+            rms_residual=residual.norm / zero_guess.norm,
             converged=converged,
             imbalance=imbalance,
         )
@@ -345,30 +362,31 @@ class ConjugateGradientPressure:
         self._launcher.launch(_sum_weights, self._shape, *args)
         self._components = ClosedComponents(self._launcher, self._fluid.numpy(), self._sides)
 
-    def _measure(self, field: wp.array) -> tuple[float, float]:
-        """Largest absolute value and norm of a field."""
+    def _measure(self, field: wp.array) -> _Residual:
+        """A field as the residual of zero pressure."""
         self._launcher.launch(_sum_products, self._sums.launch_shape, field, field, self._sums.parts)
-        return self._sums.largest(1), sqrt(self._sums.sum(0))
+        return _Residual(self._sums.largest(1), sqrt(self._sums.sum(0)), 0.0)
 
-    def _restart(self, pressure: wp.array) -> tuple[tuple[float, float], float]:
-        """Measures the true residual of a pressure: (largest, norm), and the largest that round-off makes of it."""
+    def _restart(self, pressure: wp.array) -> _Residual:
+        """Measures the true residual of a pressure, for the iterations to go on from."""
         self._launcher.launch(_start, self._shape, self._fluid, pressure, self._direction)
         args = (self._direction, self._source, *self._shares, self._centre, self._residual, self._sums.parts)
         self._launcher.launch(_measure_residual, self._sums.launch_shape, *args)
-        # Thirteen products and sums of float32 numbers as large as the pressure times at most 6.
-        round_off = 12.0 * 2.0**-24 * self._sums.largest(2)
-        return (self._sums.largest(1), sqrt(self._sums.sum(0))), round_off
+        return self._read_residual()
 
-    def _is_small(self, residual: tuple[float, float], zero: tuple[float, float], round_off: float) -> bool:
-        cells = sqrt(prod(self._shape))
-        return residual[0] <= max(self._tolerance * zero[0], round_off) and residual[1] <= max(
-            self._tolerance * zero[1], round_off * cells
+    def _read_residual(self) -> _Residual:
+        return _Residual(self._sums.largest(1), sqrt(self._sums.sum(0)), self._sums.largest(2))
+
+    def _is_small(self, residual: _Residual, zero_guess: _Residual) -> bool:
+        round_off = _ROUND_OFF * residual.pressure
+        return residual.largest <= max(self._tolerance * zero_guess.largest, round_off) and residual.norm <= max(
+            self._tolerance * zero_guess.norm, round_off * sqrt(prod(self._shape))
         )
 
-    def _iterate(self, pressure: wp.array, zero: tuple[float, float], limit: int) -> int:
+    def _iterate(self, pressure: wp.array, zero_guess: _Residual, limit: int) -> int:
         """Iterates until the residual as updated is small; returns how often."""
         launch, sums = self._launcher.launch, self._sums
-        product, share = 0.0, 0.0
+        product = 0.0
         for iteration in range(limit):
             self._empty_box.invert(self._residual, self._correction)
             launch(_sum_products, sums.launch_shape, self._residual, self._correction, sums.parts)
@@ -382,7 +400,6 @@ class ConjugateGradientPressure:
                 return iteration
             args = (product / curvature, self._direction, self._change, pressure, self._residual, sums.parts)
             launch(_descend, sums.launch_shape, *args)
-            residual = sums.largest(1), sqrt(sums.sum(0))
-            if self._is_small(residual, zero, 0.0):
+            if self._is_small(self._read_residual(), zero_guess):
                 return iteration + 1
         return limit

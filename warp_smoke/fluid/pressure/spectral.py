@@ -268,7 +268,7 @@ class SpectralPressure:
             iterations=1,
             max_residual=max_residual,
             rms_residual=rms_residual,
-            converged=isfinite(max_residual),
+            converged=isfinite(rms_residual),
             imbalance=abs(imbalance),
         )
 
