@@ -5,7 +5,7 @@ The operator has a weight for each face, the share of it that is open: L q = Σ 
 cells and 2 on an open side, where q = 0 outside.
 """
 
-from math import prod, sqrt
+from math import isfinite, nan, prod, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import warp as wp
@@ -333,6 +333,8 @@ class ConjugateGradientPressure:
         if zero_guess.norm == 0.0:
             pressure.zero_()
             return PressureStatus(iterations=0, max_residual=0.0, rms_residual=0.0, converged=True)
+        if not isfinite(zero_guess.norm):
+            return PressureStatus(iterations=0, max_residual=nan, rms_residual=nan, converged=False)
         wp.copy(self._source, divergence)
         imbalance = self._components.remove_means(self._source)
 
