@@ -7,6 +7,7 @@ import warp.examples
 from pxr import Usd, UsdGeom
 
 from warp_smoke.geometry import Mesh, corner_normals, transform_normals, transform_points
+from warp_smoke.lattice import Lattice
 from warp_smoke.scene import DistantLight, PointLight, Surface
 from warp_smoke.shadow.casters import Casters
 
@@ -76,6 +77,27 @@ def sample_surface():
         return transform_points(matrix, points), transform_normals(matrix, normals)
 
     return sample
+
+
+@pytest.fixture(scope="session")
+def lattice_at():
+    """A function: (shape, corner, voxel_size, axes, meters_per_unit) → lattice with open sides, Y up."""
+
+    def make(shape, corner=None, voxel_size=1.0, axes=None, meters_per_unit=1.0):
+        to_world = np.eye(4)
+        to_world[:3, :3] = np.eye(3) if axes is None else axes
+        size = voxel_size * np.asarray(shape)
+        to_world[3, :3] = -0.5 * size @ to_world[:3, :3] if corner is None else corner
+        return Lattice(
+            shape=tuple(shape),
+            voxel_size=voxel_size,
+            to_world=to_world,
+            meters_per_unit=meters_per_unit,
+            sides=("open",) * 6,
+            up=tuple(to_world[:3, :3] @ (0.0, 1.0, 0.0)),
+        )
+
+    return make
 
 
 @pytest.fixture(scope="session")

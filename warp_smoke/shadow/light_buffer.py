@@ -2,9 +2,11 @@
 
 Slices of the lattice across one axis are projected from the light onto a buffer that is parallel to them, so each
 slice lands on it by a shift (distant light) or a shift and a scale (point light). *Shear coordinates* (s, t, z) are
-cell coordinates with the axes reordered, and z the depth behind the side of the box nearest to the light, in slices.
+cell coordinates with the axes reordered, and z the depth behind the side of the box nearest to the light, in slices;
+the buffer lies on that side, z = 0.
 
-Lights are homogeneous vectors: (position, 1), or (unit direction towards the light, 0) for a distant one.
+Lights are homogeneous vectors: (position, 1), or (unit direction towards the light, 0) for a distant one. With a light
+(l, −D, w) in shear coordinates, the ray through (x, 0) is at depth z at x (1 + w z/D) − l z/D.
 """
 
 from collections.abc import Iterable
@@ -50,8 +52,8 @@ class Shear:
         flipped: whether the light is at that axis' far end, so that the first slice is the last cell.
         slices: number of slices.
         light: the light in shear coordinates, [4].
-        corner: of texel (0, 0) in the buffer, (s, t): slopes for a point light, else cells on the near side.
-        texel: side of a texel, in the same unit.
+        corner: of texel (0, 0), (s, t) in cells.
+        texel: side of a texel in cells.
         texels: number of texels (along s, along t).
     """
 
@@ -70,13 +72,15 @@ class Shear:
 
     def slice_places(self) -> np.ndarray:
         """Where texels sample slices, in cells: s = a · row + b, t = a · column + c, as (a, b, c), [slices, 3]."""
-        z = np.arange(self.slices) + 0.5
-        first = self.corner + 0.5 * self.texel
-        s, t, depth, w = self.light
-        if w:  # along the ray of slope (u, v) from the light: (s, t) + (z − depth) (u, v)
-            scale = z - depth
-            return np.stack([scale * self.texel, s + scale * first[0], t + scale * first[1]], axis=1)
-        return np.stack([np.full_like(z, self.texel), first[0] + z * s / depth, first[1] + z * t / depth], axis=1)
+        z = np.arange(self.slices)[:, None] + 0.5
+        light, distance, w = self.light[:2], -self.light[2], self.light[3]
+        growth = 1.0 + w * z / distance
+        first = (self.corner + 0.5 * self.texel) * growth - light * z / distance
+        return np.hstack([self.texel * growth, first])
+
+    def slopes(self, corner: np.ndarray) -> np.ndarray:
+        """The slopes ds/dz and dt/dz of the rays through places on the buffer, [..., 2]."""
+        return (self.light[3] * corner - self.light[:2]) / -self.light[2]
 
 
 def fit_shear(
@@ -96,16 +100,15 @@ def fit_shear(
         return None
     fit = fits[axis]
     span = float((fit.upper - fit.lower).max())
-    if size is not None:
-        texel = span / size
-    else:
-        texel = 1.0 / (0.5 * shape[axis] - fit.light[2]) if fit.light[3] else 1.0
-        texel = max(texel, span / (_MAX_TEXELS * max(shape)))
+    middle = 0.5 * shape[axis] / -fit.light[2]
+    growth = 1.0 + fit.light[3] * middle
+    texel = max(1.0 / growth, span / (_MAX_TEXELS * max(shape))) if size is None else span / size
     if texels is not None:
         texel = max(texel, float(((fit.upper - fit.lower) / np.maximum(np.subtract(texels, 3), 1)).max()))
-    # Whole texels from zero, so that they meet the cells' centres for a light along the axis; and a texel that no
-    # smoke reaches on each side, so that beyond the buffer there is no shadow.
-    corner = np.floor(fit.lower / texel - 0.5) * texel
+    # Texels begin where cells do in the middle of the box, so that light along the axis samples cells at their
+    # centres; and no smoke reaches the outermost ones, so that beyond the buffer there is no shadow.
+    first_cell = fit.light[:2] * middle / growth
+    corner = first_cell + np.floor((fit.lower - first_cell) / texel - 0.5) * texel
     needed = np.ceil((fit.upper - corner) / texel + 0.5).astype(int)
     return Shear(axis, fit.flipped, shape[axis], fit.light, corner, texel, texels or (int(needed[0]), int(needed[1])))
 
@@ -137,16 +140,13 @@ def _across(light: np.ndarray, shape: tuple[int, int, int], axis: int) -> _Fit:
     sides = [shape[other] for other in range(3) if other != axis]
     # A cell's samples reach half a cell beyond it; nothing outside the box.
     corners = np.array([[-0.5, -0.5], [-0.5, sides[1] + 0.5], [sides[0] + 0.5, -0.5], [sides[0] + 0.5, sides[1] + 0.5]])
-    if depth >= 0.0:  # beside the box, or inside it
+    distance = -depth
+    # Beside the box, inside it or within half a cell of it; or distant, and so much across the axis as to overflow.
+    if distance <= 0.5 * w or (not w and distance * MAX_SLOPE < max(abs(s), abs(t))):
         return _Fit(flipped, local, np.zeros(2), np.zeros(2), np.inf)
     z = np.array([0.5, n - 0.5])[:, None, None]
-    if w:
-        projected = (corners - (s, t)) / (z - depth)
-        slope = np.abs(projected[0]).max()
-    else:
-        projected = corners - z * np.array([s, t]) / depth
-        slope = max(abs(s / depth), abs(t / depth))
-    projected = projected.reshape(-1, 2)
+    slope = np.abs((w * corners - (s, t)) / (distance + w * 0.5)).max()
+    projected = ((corners + z * np.array([s, t]) / distance) / (1.0 + w * z / distance)).reshape(-1, 2)
     return _Fit(flipped, local, projected.min(axis=0), projected.max(axis=0), float(slope))
 
 

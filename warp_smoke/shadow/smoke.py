@@ -45,18 +45,12 @@ class LightBuffer:
 def smoke_optical_depth(b: LightBuffer, point: wp.vec3):
     """τ = σ h Σ ρ · |ray| / |ray_z| between the light and a point; 0 before the smoke and beside it."""
     q = wp.transform_point(b.from_set, point)
-    w = b.light[3]
-    ray = w * q - wp.vec3(b.light[0], b.light[1], b.light[2])
+    ray = b.light[3] * q - wp.vec3(b.light[0], b.light[1], b.light[2])
     depth = 0.0
     if q[2] > 0.0 and ray[2] > 0.0:
-        # Where the ray meets the buffer: its slope for a point light, its place on the near side for a distant one.
-        s = ray[0] / ray[2]
-        t = ray[1] / ray[2]
-        if w == 0.0:
-            s = q[0] - s * q[2]
-            t = q[1] - t * q[2]
-        s = (s - b.corner[0]) / b.texel - 0.5
-        t = (t - b.corner[1]) / b.texel - 0.5
+        # Where the ray passes the buffer, on the box's near side.
+        s = (q[0] - ray[0] / ray[2] * q[2] - b.corner[0]) / b.texel - 0.5
+        t = (q[1] - ray[1] / ray[2] * q[2] - b.corner[1]) / b.texel - 0.5
         rows = b.summed.shape[1]
         columns = b.summed.shape[2]
         # The outermost texels hold no smoke, so nothing lies beyond them.
@@ -230,10 +224,8 @@ class SmokeShadow:
     def optical_depth(self) -> np.ndarray:
         """τ from the light to the end of each layer along the ray through each texel's centre, [layers, S, T]."""
         shear = self._shear
-        s, t = (shear.corner[n] + shear.texel * (np.arange(shear.texels[n]) + 0.5) for n in range(2))
-        if not shear.light[3]:
-            s, t = (np.full_like(a, shear.light[n] / shear.light[2]) for n, a in enumerate((s, t)))
-        length = np.sqrt(1.0 + s[:, None] ** 2 + t[None, :] ** 2)
+        centres = shear.corner + shear.texel * (np.stack(np.indices(shear.texels), axis=-1) + 0.5)
+        length = np.sqrt(1.0 + np.sum(shear.slopes(centres) ** 2, axis=-1))
         return self.buffer.extinction * length * self.buffer.summed.numpy()
 
     def _fit(self, time: float) -> Shear:
