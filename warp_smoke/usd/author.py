@@ -197,10 +197,11 @@ def _author_shape(stage: Usd.Stage, record: Emitter | Collider | Surface) -> Usd
         geom.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(mesh.normals.reshape(-1, 3)))
         geom.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
     if mesh.uvs is not None:
-        uvs = UsdGeom.PrimvarsAPI(geom).CreatePrimvar(
-            "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.faceVarying
-        )
-        uvs.Set(Vt.Vec2fArray.FromNumpy(mesh.uvs.reshape(-1, 2)))
+        values, indices = np.unique(mesh.uvs.reshape(-1, 2), axis=0, return_inverse=True)
+        texture_coordinates = Sdf.ValueTypeNames.TexCoord2fArray
+        st = UsdGeom.PrimvarsAPI(geom).CreatePrimvar("st", texture_coordinates, UsdGeom.Tokens.faceVarying)
+        st.Set(Vt.Vec2fArray.FromNumpy(values))
+        st.SetIndices(Vt.IntArray.FromNumpy(indices.ravel().astype(np.int32)))
     _author_transform(geom.GetPrim(), record)
     return geom.GetPrim()
 
