@@ -44,7 +44,7 @@ def open_preview(
         raise ValueError(f"{path}: frame is {frame}; allowed: {frames[0]} to {frames[-1]}")
     if screenshot is None:
         plotter = opengl.open_window(size)
-        Window(stage, plotter, StageView(stage, plotter, STEP), frame).run()
+        Window(stage, StageView(stage, plotter, STEP), frame).run()
         return
     plotter = opengl.open_off_screen((SUPERSAMPLES * size[0], SUPERSAMPLES * size[1]))
     view = StageView(stage, plotter, STEP_STILL)

@@ -2,7 +2,7 @@
 
 from collections import OrderedDict
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 from warp_smoke.preview.stage import Frame
 
@@ -33,6 +33,10 @@ class FrameLoader:
         while len(self._futures) > KEPT:
             self._futures.popitem(last=False)
         return future
+
+    def wait(self, seconds: float) -> None:
+        """Waits until all that was asked for is there, but not longer than this."""
+        wait(self._futures.values(), timeout=seconds)
 
     def _submit(self, number: int) -> Future[Frame]:
         if number not in self._futures:

@@ -22,10 +22,13 @@ class StageView:
         stage: what is drawn.
         plotter: where; see `warp_smoke.preview.opengl`.
         step: distance between samples in smoke [voxels].
+
+    Attributes:
+        plotter: the same.
     """
 
     def __init__(self, stage: PreviewStage, plotter: pv.Plotter, step: float):
-        self._stage, self._plotter = stage, plotter
+        self._stage, self.plotter = stage, plotter
         start = stage.scene.start
         plotter.set_background(BACKGROUND, top=BACKGROUND_TOP)
         plotter.renderer.GetCullers().GetItemAsObject(0).SetSortingStyleToBackToFront()
@@ -56,20 +59,20 @@ class StageView:
         camera = self._stage.scene.camera
         if camera is not None and camera.moves:
             self._look(time)
-        self._plotter.reset_camera_clipping_range()
+        self.plotter.reset_camera_clipping_range()
 
     def picture(self) -> np.ndarray:
         """What is drawn, [h, w, 3] uint8 sRGB, top row first."""
-        self._plotter.render()  # else a screenshot shows what was drawn last
-        return self._plotter.screenshot(None, return_img=True)
+        self.plotter.render()  # else a screenshot shows what was drawn last
+        return self.plotter.screenshot(None, return_img=True)
 
     def _light(self, time: float) -> None:
         """Puts lights, and the marks of what has no surface, where they are at a time code."""
-        set_lights(self._plotter, self._stage.lights, time)
+        set_lights(self.plotter, self._stage.lights, time)
         scene = self._stage.scene
         center, radius = (self._lower + self._upper) / 2, float(np.linalg.norm(self._upper - self._lower)) / 2
         for mark in self._marks:
-            self._plotter.remove_actor(mark, reset_camera=False, render=False)
+            self.plotter.remove_actor(mark, reset_camera=False, render=False)
         marks = [mark_light(light, center, radius, time) for light in scene.lights]
         if not self._stage.has_results:
             marks += [mark_domain(domain, time) for domain in scene.domains]
@@ -80,7 +83,7 @@ class StageView:
 
     def _look(self, time: float) -> None:
         """Sees through the stage's camera, or else the whole of what is looked at."""
-        width, height = self._plotter.window_size
+        width, height = self.plotter.window_size
         scene = self._stage.scene
         if scene.camera is None:
             view = framed_view(self._lower, self._upper, scene.up, width / height)
@@ -88,7 +91,7 @@ class StageView:
             place = scene.camera.transform_at(time)
             ahead = ((self._lower + self._upper) / 2 - place[3, :3]) @ -place[2, :3]
             view = camera_view(scene.camera, time, width / height, max(ahead, 1e-3))
-        look_from(self._plotter, view)
+        look_from(self.plotter, view)
 
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners of what is looked at: the domains with some room around them, or the set if there is none."""
@@ -106,7 +109,7 @@ class StageView:
         return lower - room, upper + room
 
     def _add(self, actor: pv.Actor) -> None:
-        self._plotter.add_actor(actor, reset_camera=False, render=False)
+        self.plotter.add_actor(actor, reset_camera=False, render=False)
 
 
 def look_from(plotter: pv.Plotter, view: View) -> None:
