@@ -272,7 +272,8 @@ def test_instances_and_references_are_followed(tmp_path):
     )
     assert [surface.path for surface in scene.surfaces] == ["/World/I1/Shape", "/World/I5/Shape"]
     assert [surface.transform[3, 0] for surface in scene.surfaces] == [1, 5]
-    assert scene.surfaces[0].mesh == scene.surfaces[1].mesh == Mesh.sphere(2.0)
+    assert scene.surfaces[0].mesh is scene.surfaces[1].mesh
+    assert scene.surfaces[0].mesh == Mesh.sphere(2.0)
 
 
 def test_first_camera_under_the_default_prim(tmp_path):

@@ -10,8 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pxr import Pcp, Tf, Usd, UsdGeom, UsdLux, UsdUtils
+from pxr import Pcp, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdUtils
 
+from warp_smoke.geometry import Mesh
 from warp_smoke.record import each_value
 from warp_smoke.scene import Collider, Emitter, Light, Scene, SmokeDomain, Surface
 from warp_smoke.usd.names import STAGE, TRANSFORM
@@ -104,6 +105,7 @@ class _Contents:
     def __init__(self, reader: StageReader):
         self._reader = reader
         self._materials = MaterialReader(reader)
+        self._prototypes: dict[Sdf.Path, Mesh] = {}
         self.domains: list[SmokeDomain] = []
         self.emitters: list[Emitter] = []
         self.colliders: list[Collider] = []
@@ -147,7 +149,7 @@ class _Contents:
             reader.warn(prim, "SmokeReceiverAPI has no effect, since the mesh is invisible or a guide or proxy")
         if not (emits or collides or seen):
             return
-        mesh = read_geometry(reader, prim)
+        mesh = self._shape(prim)
         if not len(mesh.triangles):
             reader.warn(prim, "it has no faces; it is left out")
             return
@@ -173,6 +175,15 @@ class _Contents:
                     receiver=read_receiver(reader, prim) if receives and prim.IsA(UsdGeom.Mesh) else None,
                 )
             )
+
+    def _shape(self, prim: Usd.Prim) -> Mesh:
+        """The mesh of a prim, shared among the instances of a prototype."""
+        if not prim.IsInstanceProxy():
+            return read_geometry(self._reader, prim)
+        path = prim.GetPrimInPrototype().GetPath()
+        if path not in self._prototypes:
+            self._prototypes[path] = read_geometry(self._reader, prim)
+        return self._prototypes[path]
 
     def _seen(self, prim: Usd.Prim) -> bool:
         """Whether a prim is part of the set: ever visible, and not a guide or proxy."""

@@ -5,6 +5,7 @@ and one with another scheme is smooth, as its limit surface would be.
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from pxr import Usd, UsdGeom
@@ -30,7 +31,7 @@ def read_geometry(reader: StageReader, prim: Usd.Prim) -> Mesh:
     with reader.naming(prim.GetPath(), MESH):
         if prim.IsA(UsdGeom.Mesh):
             return _read_polygons(reader, UsdGeom.Mesh(prim))
-        return GPRIMS[prim.GetTypeName()](reader, prim)
+        return _read_gprim(reader, prim)
 
 
 def has_geometry(prim: Usd.Prim) -> bool:
@@ -156,50 +157,33 @@ def _array(values: object, dtype: type) -> np.ndarray:
     return np.zeros(0, dtype) if values is None else np.asarray(values, dtype)
 
 
-def _length(reader: StageReader, prim: Usd.Prim, name: str) -> float:
-    return positive(str(prim.GetPath()), name, reader.still(prim.GetAttribute(name)))
+def _read_gprim(reader: StageReader, prim: Usd.Prim) -> Mesh:
+    lengths, make = GPRIMS[prim.GetTypeName()]
+    path = str(prim.GetPath())
+    values = [positive(path, name, reader.still(prim.GetAttribute(name))) for name in lengths]
+    if prim.HasAttribute("axis"):
+        values.append(one_of(path, "axis", prim.GetAttribute("axis").Get(), AXES))
+    return make(*values)
 
 
-def _axis(prim: Usd.Prim) -> str:
-    return one_of(str(prim.GetPath()), "axis", prim.GetAttribute("axis").Get(), AXES)
-
-
-def _read_sphere(reader: StageReader, prim: Usd.Prim) -> Mesh:
-    return Mesh.sphere(_length(reader, prim, "radius"))
-
-
-def _read_cube(reader: StageReader, prim: Usd.Prim) -> Mesh:
-    return Mesh.box(_length(reader, prim, "size"))
-
-
-def _read_cylinder(reader: StageReader, prim: Usd.Prim) -> Mesh:
-    return Mesh.cylinder(_length(reader, prim, "radius"), _length(reader, prim, "height"), _axis(prim))
-
-
-def _read_cone(reader: StageReader, prim: Usd.Prim) -> Mesh:
-    return Mesh.cone(_length(reader, prim, "radius"), _length(reader, prim, "height"), _axis(prim))
-
-
-def _read_capsule(reader: StageReader, prim: Usd.Prim) -> Mesh:
-    return Mesh.capsule(_length(reader, prim, "radius"), _length(reader, prim, "height"), _axis(prim))
-
-
-def _read_plane(reader: StageReader, prim: Usd.Prim) -> Mesh:
+def _make_plane(width: float, length: float, axis: str) -> Mesh:
     """A rectangle facing its axis."""
-    edges = {  # (u, v) with u × v along the axis, as UsdGeomPlane lays width and length
-        "X": (("length", 1), ("width", 2)),
-        "Y": (("length", 2), ("width", 0)),
-        "Z": (("width", 0), ("length", 1)),
-    }[_axis(prim)]
-    u_edge, v_edge = (_length(reader, prim, name) * np.eye(3)[axis] for name, axis in edges)
+    (u, u_length), (v, v_length) = {  # u × v is the axis; which is width and which length is USD's choice
+        "X": ((1, length), (2, width)),
+        "Y": ((2, length), (0, width)),
+        "Z": ((0, width), (1, length)),
+    }[axis]
+    u_edge, v_edge = u_length * np.eye(3)[u], v_length * np.eye(3)[v]
     return Mesh.grid(-(u_edge + v_edge) / 2, u_edge, v_edge)
 
 
+# Attributes with lengths, and what makes the mesh of them and the axis; equal gprims share one.
 GPRIMS = {
-    "Sphere": _read_sphere,
-    "Cube": _read_cube,
-    "Cylinder": _read_cylinder,
-    "Cone": _read_cone,
-    "Capsule": _read_capsule,
-    "Plane": _read_plane,
+    "Sphere": (("radius",), lru_cache(Mesh.sphere)),
+    "Cube": (("size",), lru_cache(Mesh.box)),
+    "Cylinder": (("radius", "height"), lru_cache(Mesh.cylinder)),
+    "Cone": (("radius", "height"), lru_cache(Mesh.cone)),
+    "Capsule": (("radius", "height"), lru_cache(Mesh.capsule)),
+    "Plane": (("width", "length"), lru_cache(_make_plane)),
 }
+PAIRS = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]", "double2[]", "half2[]")
