@@ -16,7 +16,7 @@ from warp_smoke.scene import Collider, Emitter
 
 wp.set_module_options({"enable_backward": False})
 
-# A direction cosine below this counts as this, for the formula divides by all three; the volume changes by as much.
+# A direction cosine below this counts as this, for the formula divides by all three: changes the share by 2e-6 at most.
 _LEAST_COSINE = wp.constant(wp.float64(1e-5))
 
 
@@ -43,18 +43,18 @@ def share_behind_plane(normal: wp.vec3, distance: float):
         normal: unit normal, pointing to the front.
         distance: from the plane to the cube's centre, positive in front.
     """
-    a = wp.float64(wp.abs(normal[0]))
-    b = wp.float64(wp.abs(normal[1]))
-    c = wp.float64(wp.abs(normal[2]))
+    a = wp.max(wp.float64(wp.abs(normal[0])), _LEAST_COSINE)
+    b = wp.max(wp.float64(wp.abs(normal[1])), _LEAST_COSINE)
+    c = wp.max(wp.float64(wp.abs(normal[2])), _LEAST_COSINE)
     width = a + b + c
     alpha = wp.float64(0.5) - wp.float64(distance) / width
     if alpha <= wp.float64(0.0):
         return 0.0
     if alpha >= wp.float64(1.0):
         return 1.0
-    a = wp.max(a / width, _LEAST_COSINE)
-    b = wp.max(b / width, _LEAST_COSINE)
-    c = wp.max(c / width, _LEAST_COSINE)
+    a = a / width
+    b = b / width
+    c = c / width
     corners = _cube(alpha) - _cube(alpha - a) - _cube(alpha - b) - _cube(alpha - c)
     corners += _cube(alpha - a - b) + _cube(alpha - b - c) + _cube(alpha - c - a)
     return wp.clamp(float(corners / (wp.float64(6.0) * a * b * c)), 0.0, 1.0)
@@ -139,14 +139,17 @@ def _measure_velocity(
         k += 1
 
 
-def is_closed(mesh: Mesh) -> bool:
-    """Whether every edge is met by as many triangles in one direction as in the other, so that nothing leaks.
-
-    Points that always lie together count as one.
-    """
+def _weld_corners(mesh: Mesh) -> np.ndarray:
+    """The triangles with points that always lie together counted as one, [m, 3]."""
     every = each_value(mesh.points)
-    _, weld = np.unique(every.transpose(1, 0, 2).reshape(every.shape[1], -1), axis=0, return_inverse=True)
-    edges = weld.ravel()[mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]]].reshape(-1, 2)
+    tracks = np.moveaxis(every, 1, 0).reshape(every.shape[1], every.shape[0] * 3)
+    _, point = np.unique(tracks, axis=0, return_inverse=True)
+    return point.ravel()[mesh.triangles]
+
+
+def is_closed(mesh: Mesh) -> bool:
+    """Whether every edge is met by as many triangles in one direction as in the other, so that nothing leaks."""
+    edges = _weld_corners(mesh)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     _, edge = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     return not np.bincount(edge.ravel(), weights=np.sign(edges[:, 1] - edges[:, 0])).any()
 
@@ -183,6 +186,8 @@ class MeshVoxels:
         self.fraction, self.velocity = None, None
         self._points = self._point_velocity = None  # of the last update, [n, 3] float64 [cells], [m/s]
         self._mesh = None
+        a, b, c = _weld_corners(prim.mesh).T
+        self._triangles = prim.mesh.triangles[(a != b) & (b != c) & (c != a)]
         # How many cells without surface in a row share one sign: through a hole in the mesh it changes anywhere.
         self._trust = max(lattice.shape) if is_closed(prim.mesh) else 1
         self._storage = ()  # room for fraction, and u, v, w if it moves, as large as the largest box so far
@@ -224,7 +229,7 @@ class MeshVoxels:
     def _fit_box(self, points: np.ndarray) -> None:
         """Sets the box: cells that touch the bounds of the points and the margin, inside the lattice."""
         self.lower = self.shape = (0, 0, 0)
-        used = points[self._prim.mesh.triangles.ravel()]
+        used = points[self._triangles.ravel()]
         if not len(used):
             return
         limit = np.asarray(self._lattice.shape)
@@ -240,7 +245,7 @@ class MeshVoxels:
             self._mesh.velocities.assign(velocity.astype(np.float32))
             self._mesh.refit()
             return
-        triangles = self._prim.mesh.triangles
+        triangles = self._triangles
         a, b, c = (points[triangles[:, n]] - points.mean(axis=0) for n in range(3))
         if np.einsum("ni,ni", a, np.cross(b, c)) < 0:
             triangles = triangles[:, ::-1]
