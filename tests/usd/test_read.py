@@ -519,6 +519,15 @@ def test_missing_references(tmp_path, capfd, prim, asset, place):
     assert capfd.readouterr() == ("", "")
 
 
+def test_what_else_usd_finds_wrong_is_a_warning(tmp_path):
+    """A prim that refers to itself is left as USD leaves it; USD's words become one warning on one line."""
+    scene = scene_of(tmp_path, 'def Cube "A" ( references = </World/A> ) { }')
+    assert len(scene.surfaces) == 1
+    (warning,) = scene.warnings
+    assert warning.startswith("/World/A: Cycle detected")
+    assert "\n" not in warning
+
+
 def test_missing_sublayer(tmp_path):
     """A sublayer that is not there is said in one line naming it."""
     with pytest.raises(ValueError, match=r"^[^\n]*Could not load sublayer @[^\n]*gone\.usda@[^\n]*$"):

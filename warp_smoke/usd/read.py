@@ -69,13 +69,16 @@ def read_stage(stage: Usd.Stage, file: str) -> Scene:
         ValueError: something the stage refers to is missing, or a value is not allowed: one line naming file, prim
             and attribute.
     """
-    for error in stage.GetCompositionErrors():
+    composition_errors = stage.GetCompositionErrors()
+    for error in composition_errors:
         if isinstance(error, MISSING):
             raise ValueError(f"{file}: {error.rootSite.path}: {_message(error)}")
     if not stage.GetDefaultPrim():
         raise bad_input(file, "/", "defaultPrim", "unset", "the name of a root prim")
     settings = _read_settings(stage, file)
     reader = StageReader(stage, file, settings.start)
+    for error in composition_errors:
+        reader.warn(stage.GetPrimAtPath(error.rootSite.path) or stage.GetPseudoRoot(), _message(error))
     contents = _Contents(reader)
     for prim in _prims(stage):
         contents.add(prim)
