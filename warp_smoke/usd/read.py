@@ -76,7 +76,7 @@ def read_stage(stage: Usd.Stage, file: str) -> Scene:
     if not stage.GetDefaultPrim():
         raise bad_input(file, "/", "defaultPrim", "unset", "the name of a root prim")
     settings = _read_settings(stage, file)
-    reader = StageReader(stage, file, settings.start)
+    reader = StageReader(file, settings.start)
     for error in composition_errors:
         reader.warn(stage.GetPrimAtPath(error.rootSite.path) or stage.GetPseudoRoot(), _message(error))
     contents = _Contents(reader)
@@ -207,7 +207,7 @@ def _read_settings(stage: Usd.Stage, file: str) -> Scene:
     """A scene of nothing but the stage's times, units and axis."""
     start = _whole(stage.GetStartTimeCode()) if stage.HasAuthoredMetadata("startTimeCode") else 1
     end = _whole(stage.GetEndTimeCode()) if stage.HasAuthoredMetadata("endTimeCode") else start + DEFAULT_FRAMES - 1
-    with StageReader(stage, file, start).naming("/", STAGE):
+    with StageReader(file, start).naming("/", STAGE):
         return Scene(
             start=start,
             end=end,

@@ -29,14 +29,12 @@ class StageReader:
     """Reads values from one stage.
 
     Attributes:
-        stage: the open stage.
-        file: how errors name it.
+        file: how errors name the stage.
         start: time code at which values that may not change are taken.
         warnings: what is not supported, each said once, as `PRIM: text`.
     """
 
-    def __init__(self, stage: Usd.Stage, file: str, start: float):
-        self.stage = stage
+    def __init__(self, file: str, start: float):
         self.file = file
         self.start = start
         self._warnings: dict[str, None] = {}
