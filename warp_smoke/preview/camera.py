@@ -64,12 +64,22 @@ def framed_view(lower: np.ndarray, upper: np.ndarray, up: np.ndarray, aspect: fl
         aspect: the picture's width over its height.
     """
     right, front = level_axes(up)
-    toward_eye = normalized(0.6 * right + front + 0.45 * up)
-    target = (np.asarray(lower) + upper) / 2
-    radius = max(float(np.linalg.norm(np.asarray(upper) - lower)) / 2, 1e-6)
-    half = np.radians(FRAMED_ANGLE / 2)
-    narrow = min(half, np.arctan(np.tan(half) * aspect))
-    return View(target + radius / np.sin(narrow) * toward_eye, target, np.asarray(up, float), FRAMED_ANGLE)
+    backward = normalized(0.6 * right + front + 0.45 * up)
+    across = normalized(np.cross(up, backward))
+    upright = np.cross(backward, across)
+    lower, upper = np.asarray(lower, float), np.asarray(upper, float)
+    target = (lower + upper) / 2
+    tangent = np.tan(np.radians(FRAMED_ANGLE / 2))
+    # From this far the corner that needs it most is on the picture's edge.
+    offsets = box_corners(lower, upper) - target
+    spread = np.maximum(np.abs(offsets @ across) / (tangent * aspect), np.abs(offsets @ upright) / tangent)
+    distance = max(float((spread + offsets @ backward).max()), 1e-6)
+    return View(target + distance * backward, target, np.asarray(up, float), FRAMED_ANGLE)
+
+
+def box_corners(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """The corners of a box, [8, 3]."""
+    return np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1).T
 
 
 def level_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,9 +13,9 @@ import numpy as np
 from warp_smoke.preview.color import linear_to_srgb
 
 # Of the light that falls on thick smoke, what comes back: a cloud is less white than a white wall.
-REFLECTANCE = 0.65
-BOUNCES = 4
-LESS_HINDERED, WEAKER = 0.4, 0.6  # a and b
+REFLECTANCE = 0.7
+BOUNCES = 3
+LESS_HINDERED, WEAKER = 0.5, 0.5  # a and b
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 import numpy as np
 import pyvista as pv
 
-from warp_smoke.geometry import transform_points
-from warp_smoke.preview.camera import View, camera_view, framed_view
+from warp_smoke.geometry import normalized, transform_points
+from warp_smoke.preview.camera import View, box_corners, camera_view, framed_view
 from warp_smoke.preview.lights import set_lights
 from warp_smoke.preview.marks import mark_domain, mark_emitter, mark_light
 from warp_smoke.preview.stage import Frame, PreviewStage
@@ -89,7 +89,7 @@ class StageView:
             view = framed_view(self._lower, self._upper, scene.up, width / height)
         else:
             place = scene.camera.transform_at(time)
-            ahead = ((self._lower + self._upper) / 2 - place[3, :3]) @ -place[2, :3]
+            ahead = ((self._lower + self._upper) / 2 - place[3, :3]) @ -normalized(place[2, :3])
             view = camera_view(scene.camera, time, width / height, max(ahead, 1e-3))
         look_from(self.plotter, view)
 
@@ -97,7 +97,7 @@ class StageView:
         """Corners of what is looked at: the domains with some room around them, or the set if there is none."""
         scene = self._stage.scene
         points = [
-            transform_points(domain.transform_at(scene.start), _corners(domain.lower, domain.upper))
+            transform_points(domain.transform_at(scene.start), box_corners(domain.lower, domain.upper))
             for domain in scene.domains
         ] or [
             transform_points(surface.transform_at(scene.start), surface.mesh.points_at(scene.start))
@@ -123,7 +123,3 @@ def look_from(plotter: pv.Plotter, view: View) -> None:
 
 def _changes(record: Record) -> bool:
     return any(isinstance(value, Samples) for value in vars(record).values())
-
-
-def _corners(lower, upper) -> np.ndarray:
-    return np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1).T
