@@ -10,15 +10,8 @@ from warp_smoke.plan import LightPlan, Plan, ReceiverPlan, When
 from warp_smoke.plan.reach import swept_corners
 from warp_smoke.shading.bake import ReceiverBake
 from warp_smoke.shadow.casters import Casters
-from warp_smoke.shadow.cube import CubeShadow
-from warp_smoke.shadow.directional import DirectionalShadow
-from warp_smoke.shadow.dpd import DpdSmokeShadow
-from warp_smoke.shadow.ray_traced import RayTracedShadow
-from warp_smoke.shadow.smoke import SmokeShadow
-from warp_smoke.shadow.smoke_ray_traced import RayTracedSmokeShadow
+from warp_smoke.shadow.methods import SMOKE_SHADOWS, SURFACE_SHADOWS
 from warp_smoke.timing import Timings
-
-_SMOKE_SHADOWS = {"march": SmokeShadow, "dpd": DpdSmokeShadow, "ray_traced": RayTracedSmokeShadow}
 
 
 class Lighting:
@@ -52,21 +45,16 @@ class Lighting:
             path = each.light.path
             if each.surface_shadow and path not in self._maps:
                 points = np.concatenate(shadowed[path])
-                self._maps[path] = self._surface_shadow(each, np.stack([points.min(axis=0), points.max(axis=0)]))
+                bounds = np.stack([points.min(axis=0), points.max(axis=0)])
+                self._maps[path] = SURFACE_SHADOWS[each.surface_shadow](launcher, each.light, self._casters, bounds)
             for domain, method in each.smoke:
                 key = (path, domain.domain.path)
                 if key not in self._smoke:
-                    make, extinction = _SMOKE_SHADOWS[method], domain.domain.extinction
+                    make, extinction = SMOKE_SHADOWS[method], domain.domain.extinction
                     self._smoke[key] = make(launcher, domain.lattice, each.light, self.origin, extinction)
 
         self._bakes = {each.surface.path: self._bake(each) for each in plan.receivers}
         self.warnings += [warning for bake in self._bakes.values() for warning in bake.warnings]
-
-    def _surface_shadow(self, each: LightPlan, bounds: np.ndarray) -> RayTracedShadow | CubeShadow | DirectionalShadow:
-        if each.surface_shadow == "exact":
-            return RayTracedShadow(self._launcher, each.light, self._casters)
-        make = DirectionalShadow if each.surface_shadow == "directional" else CubeShadow
-        return make(self._launcher, each.light, self._casters, bounds)
 
     def _bake(self, each: ReceiverPlan) -> ReceiverBake:
         return ReceiverBake(

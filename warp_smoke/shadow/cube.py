@@ -115,16 +115,17 @@ def _trace_cube(
     start: float,
     far: float,
     faces: wp.array[int],
+    count: int,
     depth_out: wp.array3d[float],
 ):
-    """depth[f,t,s] = |hit − light| / far for the nearest hit from `start` on; tile by tile, faces taking turns."""
+    """depth[f,t,s] = |hit − light| / far, nearest hit from `start` on, for the first `count` faces, tile by tile."""
     n = rows.first + wp.tid()
     size = depth_out.shape[1]
     tiles = (size + _TILE - 1) // _TILE
     within = n % (_TILE * _TILE)
     n = n // (_TILE * _TILE)
-    face = faces[n % faces.shape[0]]
-    n = n // faces.shape[0]
+    face = faces[n % count]
+    n = n // count
     row = (n // tiles) * _TILE + within // _TILE
     column = (n % tiles) * _TILE + within % _TILE
     if row < size and column < size:
@@ -171,6 +172,7 @@ class CubeShadow:
         self._receiver_corners = np.array(list(product(*np.asarray(receiver_bounds, np.float64).T)))
         size = light.shadow_map_size
         self._depth = launcher.zeros((6, size, size), "cube_map")
+        self._faces = launcher.zeros(6, "cube_map", dtype=int)
         self._traced = None
 
     def update(self, time: float) -> None:
@@ -194,6 +196,7 @@ class CubeShadow:
         self.map = CubeMap()
         self.map.depth, self.map.position, self.map.far = self._depth, wp.vec3(*position.tolist()), far
         self.map.bias = light_bias(light, spread=2**0.5 / size, extent=max(far, casters.extent))
+        self._faces.assign(np.resize(faces, 6).astype(np.int32))
         if len(faces) < 6:
             self._depth.fill_(1.0)
         tiles = (-(-size // _TILE)) ** 2
@@ -204,7 +207,8 @@ class CubeShadow:
             self.map.position,
             float(start),
             far,
-            self._launcher.array(faces.astype(np.int32), "cube_map"),
+            self._faces,
+            len(faces),
             self._depth,
         )
 

@@ -103,7 +103,7 @@ def _order_slices(
         dst[z, s + 1, t + 1] = value
         found = found | value
         t += 1
-    if found != 0:
+    if found != 0:  # on CUDA a row has many threads, which all write the same
         smoky_out[z, s + 1] = 1
 
 
