@@ -15,7 +15,7 @@ def schema_reference() -> str:
         "# Schema reference",
         "",
         "Written by `python scripts/schema_reference.py` from the schema's own documentation. The schemas are",
-        "codeless: a DCC shows them once `warp_smoke/usd/schema` is on `PXR_PLUGINPATH_NAME`, and keeps them if it is not.",
+        "codeless: a DCC shows them once `warp_smoke/usd/schema` is on `PXR_PLUGINPATH_NAME`, and keeps them without.",
     ]
     for prim in layer.rootPrims:
         if not prim.attributes:
