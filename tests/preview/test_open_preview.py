@@ -6,14 +6,18 @@ import numpy as np
 import pytest
 from PIL import Image
 from pxr import Usd
+from scenes import at
 
 import warp_smoke as ws
 from warp_smoke.geometry import transform_points
 from warp_smoke.preview import open_preview
 from warp_smoke.preview.camera import camera_view
+from warp_smoke.preview.color import linear_to_srgb
 from warp_smoke.preview.stage import PreviewStage
 from warp_smoke.preview.view import StageView
 from warp_smoke.usd.author import author_scene
+from warp_smoke.usd.material import VertexBakeResult
+from warp_smoke.usd.write import write_results
 
 SIZE = (160, 120)
 
@@ -65,6 +69,18 @@ def test_floor_shows_its_baked_picture(results, tmp_path):
     """Where there is no smoke the floor has the baked bytes of its frame, in a stage given by file or by folder."""
     assert (_picture(results, tmp_path, 3)[110, 20] == 200).all()
     assert (_picture(results.parent, tmp_path, 4)[110, 20] == 100).all()
+
+
+def test_floor_without_uvs_shows_the_colors_at_its_points(tmp_path):
+    """Light baked at points is drawn as it is, in sRGB, and changes with the frame."""
+    mesh = ws.Mesh([(-9, 0, 9), (9, 0, 9), (9, 0, -9), (-9, 0, -9)], [(0, 1, 2), (0, 2, 3)])
+    floor = ws.Surface(path="/World/Floor", mesh=mesh, receiver=ws.Receiver(path="/World/Floor"))
+    scene = ws.Scene(surfaces=[floor], camera=ws.Camera(path="/World/Eye", transform=at(0, 1, 6)), start=3, end=4)
+    values = {frame: np.full((4, 3), grey, np.float32) for frame, grey in ((3, 0.2), (4, 0.6))}
+    bake = VertexBakeResult(surface=floor, bake="lit", values=values)
+    root = write_results(tmp_path, "points", scene, [], [bake])
+    for frame, grey in ((3, 0.2), (4, 0.6)):
+        assert (_picture(root, tmp_path, frame)[110, 80] == linear_to_srgb(np.array(grey))).all()
 
 
 def test_unbaked_look_is_lit_by_the_stage(results, tmp_path):

@@ -151,12 +151,14 @@ def _density_field(volume: Usd.Prim) -> UsdVol.OpenVDBAsset | None:
 def _baked_light(prim: Usd.Prim) -> Usd.Attribute | None:
     """Where the bound material's emission comes from: a texture's file, a primvar's values, or None.
 
-    A material that emits by texture shows baked light: it needs no light any more.
+    A material whose emission is a texture and which reflects nothing shows baked light: it needs no other.
     """
     material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.preview)
     surface = material.ComputeSurfaceSource()[0] if material else None
-    emission = surface.GetInput("emissiveColor") if surface else None
-    for source in UsdShade.Utils.GetValueProducingAttributes(emission) if emission else ():
+    emission, diffuse = (surface.GetInput(name) if surface else None for name in ("emissiveColor", "diffuseColor"))
+    if not emission or not diffuse or diffuse.HasConnectedSource() or any(diffuse.Get() or [1.0]):
+        return None
+    for source in UsdShade.Utils.GetValueProducingAttributes(emission):
         shader = UsdShade.Shader(source.GetPrim())
         if shader.GetShaderId() == "UsdUVTexture":
             return shader.GetInput("file").GetAttr()

@@ -75,7 +75,7 @@ class StageView:
             self.plotter.remove_actor(mark, reset_camera=False, render=False)
         marks = [mark_light(light, center, radius, time) for light in scene.lights]
         if not self._stage.has_results:
-            marks += [mark_domain(domain, time) for domain in scene.domains]
+            marks += [mark_domain(domain, scene.start) for domain in scene.domains]
             marks += [mark_emitter(emitter, time) for emitter in scene.emitters]
         self._marks = [mark for mark in marks if mark is not None]
         for mark in self._marks:
