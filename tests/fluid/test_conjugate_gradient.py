@@ -251,6 +251,28 @@ def test_takes_in_changed_solids(launcher):
     np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
+def test_moving_solids_need_no_more_memory(launcher):
+    """Solids that change among as many closed cells allocate nothing, and an open box nothing for components."""
+    first = np.ones((6, 8, 40))
+    first[:, :, 10] = 0.0
+    for sides in (CLOSED, OPEN):
+        solids = solids_of(launcher, first, open_shares(first, sides))
+        solver = ConjugateGradientPressure(launcher, first.shape, sides, solids, 1e-5, 50)
+        rng = np.random.default_rng(18)
+        solve(launcher, solver, first * rng.standard_normal(first.shape))
+        for place in (20, 30):
+            fluid = np.roll(first, place - 10, axis=2)
+            divergence = launcher.array((fluid * rng.standard_normal(fluid.shape)).astype(np.float32), "test")
+            pressure = launcher.zeros(fluid.shape, "test")
+            solids.fluid.assign(fluid.astype(np.float32))
+            for array, share in zip((solids.wx, solids.wy, solids.wz), open_shares(fluid, sides), strict=True):
+                array.assign(share)
+            solids.changes += 1
+            before = launcher.allocated.copy()
+            assert solver.solve(divergence, pressure).converged
+            assert launcher.allocated == before
+
+
 def test_same_bits_for_any_number_of_threads():
     """1, 2 and 7 threads give bit-equal pressures and the same status."""
     rng = np.random.default_rng(16)

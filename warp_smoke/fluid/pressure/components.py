@@ -46,42 +46,52 @@ def _subtract_from_chunks(
 
 
 class ClosedComponents:
-    """The 6-connected components of fluid without an open side, as lists of cells in chunks.
+    """The 6-connected components of fluid without an open side, as lists of cells in chunks."""
 
-    Attributes:
-        count: how many there are.
-    """
-
-    def __init__(self, launcher: Launcher, fluid: np.ndarray, sides: tuple[str, ...]):
-        """Finds them.
+    def __init__(self, launcher: Launcher, sides: tuple[str, ...]):
+        """Starts without any.
 
         Args:
             launcher: where it runs.
-            fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz].
             sides: open or closed for each of -x +x -y +y -z +z.
         """
-        self._launcher = launcher
+        self._launcher, self._sides = launcher, sides
+        self._sizes = np.zeros(0, int)
+        self._chunk_component = np.zeros(0, int)
+        # Room for as many as there ever were: cells, the first of each chunk, sums and means of the chunks.
+        self._cells, self._first = (launcher.zeros(0, "pressure", int) for _ in range(2))
+        self._sums, self._means = launcher.zeros(0, "pressure", wp.float64), launcher.zeros(0, "pressure")
+
+    def find(self, fluid: np.ndarray) -> None:
+        """Finds them.
+
+        Args:
+            fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz].
+        """
         labels, found = scipy.ndimage.label(fluid > 0)
         closed = np.ones(found + 1, bool)
         closed[0] = False
-        for side, token in enumerate(sides):
+        for side, token in enumerate(self._sides):
             if token == "open":
                 closed[labels.take(-(side % 2), axis=side // 2)] = False
-        self.count = int(closed.sum())
-        if not self.count:
-            return
         inside = np.flatnonzero(closed[labels])
         component = (np.cumsum(closed) - 1)[labels.ravel()[inside]]
-        order = np.argsort(component.astype(np.min_scalar_type(self.count)), kind="stable")  # small integers sort fast
         self._sizes = np.bincount(component)
+        order = np.argsort(component.astype(np.min_scalar_type(found)), kind="stable")  # small integers sort fast
         ends = np.cumsum(self._sizes)
         starts = [np.arange(end - size, end, _CHUNK) for size, end in zip(self._sizes, ends, strict=True)]
-        self._chunk_component = np.repeat(np.arange(self.count), [len(each) for each in starts])
-        first = np.concatenate([*starts, ends[-1:]])
-        self._cells = launcher.array(inside[order].astype(np.int32), "pressure")
-        self._first = launcher.array(first.astype(np.int32), "pressure")
-        self._sums = launcher.zeros(len(first) - 1, "pressure", wp.float64)
-        self._means = launcher.zeros(len(first) - 1, "pressure")
+        self._chunk_component = np.repeat(np.arange(len(starts)), [len(each) for each in starts])
+        first = np.concatenate([*starts, [len(inside)]])
+        chunks = len(self._chunk_component)
+        if len(inside) > self._cells.size:
+            self._cells = self._launcher.zeros(len(inside), "pressure", int)
+        if chunks > self._sums.size:
+            self._first = self._launcher.zeros(chunks + 1, "pressure", int)
+            self._sums = self._launcher.zeros(chunks, "pressure", wp.float64)
+            self._means = self._launcher.zeros(chunks, "pressure")
+        if chunks:
+            self._cells[: len(inside)].assign(inside[order].astype(np.int32))
+            self._first[: chunks + 1].assign(first.astype(np.int32))
 
     def remove_means(self, field: wp.array) -> float:
         """Takes its mean over each component off a field [nx, ny, nz].
@@ -89,11 +99,11 @@ class ClosedComponents:
         Returns:
             The largest absolute mean.
         """
-        if not self.count:
-            return 0.0
         chunks = len(self._chunk_component)
+        if not chunks:
+            return 0.0
         self._launcher.launch_each(_sum_chunks, chunks, self._cells, self._first, field, self._sums)
-        means = np.bincount(self._chunk_component, weights=self._sums.numpy()) / self._sizes
-        self._means.assign(means[self._chunk_component].astype(np.float32))
+        means = np.bincount(self._chunk_component, weights=self._sums.numpy()[:chunks]) / self._sizes
+        self._means[:chunks].assign(means[self._chunk_component].astype(np.float32))
         self._launcher.launch_each(_subtract_from_chunks, chunks, self._cells, self._first, self._means, field)
         return float(np.abs(means).max())

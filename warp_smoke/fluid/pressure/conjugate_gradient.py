@@ -306,6 +306,7 @@ class ConjugateGradientPressure:
         )
         self._direction = launcher.zeros(tuple(n + 2 for n in shape), "pressure")
         self._sums = Sums(launcher, shape, 3, "pressure")
+        self._components = ClosedComponents(launcher, sides)
         self._prepared_for = None  # `solids.changes` at that time
         if solids is None:
             self._fluid = launcher.zeros(shape, "pressure")
@@ -362,7 +363,7 @@ class ConjugateGradientPressure:
         """Takes in where the solids are."""
         args = (*self._shares, *side_weights(self._sides), self._centre)
         self._launcher.launch(_sum_weights, self._shape, *args)
-        self._components = ClosedComponents(self._launcher, self._fluid.numpy(), self._sides)
+        self._components.find(self._fluid.numpy())
 
     def _measure(self, field: wp.array) -> _Residual:
         """A field as the residual of zero pressure."""
