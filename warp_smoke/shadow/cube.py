@@ -184,9 +184,10 @@ class CubeShadow:
         self._traced = state
         position = light.position_at(time) - casters.origin
         # Rays begin where the casters do, so that a far light loses no digits, and off the surface a light lies on.
+        extent = float(np.abs(self._receiver_corners).max())
         radius = 0.5 * np.linalg.norm(casters.upper - casters.lower)
         distance = np.linalg.norm(position - 0.5 * (casters.lower + casters.upper))
-        start = max(light.shadow_near or 0.0, round_off(casters.extent), distance - 1.001 * radius)
+        start = max(light.shadow_near or 0.0, round_off(extent), distance - 1.001 * radius)
         far = light.shadow_far
         if far is None:
             far = 1.00001 * float(np.linalg.norm(self._receiver_corners - position, axis=1).max())
@@ -195,7 +196,7 @@ class CubeShadow:
         size = light.shadow_map_size
         self.map = CubeMap()
         self.map.depth, self.map.position, self.map.far = self._depth, wp.vec3(*position.tolist()), far
-        self.map.bias = light_bias(light, spread=2**0.5 / size, extent=max(far, casters.extent))
+        self.map.bias = light_bias(light, spread=2**0.5 / size, extent=max(far, extent))
         self._faces.assign(np.resize(faces, 6).astype(np.int32))
         if len(faces) < 6:
             self._depth.fill_(1.0)

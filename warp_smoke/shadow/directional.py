@@ -132,7 +132,8 @@ class DirectionalShadow:
         frame = _frame(light.direction_at(time))
         cast = casters.mesh.points.numpy().astype(np.float64) @ frame.T
         received = self._receiver_corners @ frame.T
-        margin = round_off(max(casters.extent, np.abs(self._receiver_corners).max()))
+        extent = float(np.abs(self._receiver_corners).max())
+        margin = round_off(max(casters.extent, extent))
         lower = np.maximum(cast.min(axis=0), received.min(axis=0)) - margin
         upper = np.minimum(cast.max(axis=0), received.max(axis=0)) + margin
         # The size of a texel is one of a fixed ladder, its place a whole number of texels from the set's origin.
@@ -147,7 +148,7 @@ class DirectionalShadow:
         self.map.s_axis, self.map.t_axis, self.map.direction = (wp.vec3(*axis.tolist()) for axis in frame)
         self.map.s, self.map.t = corner.tolist()
         self.map.texel, self.map.near, self.map.far = float(texel), float(near), float(far)
-        self.map.bias = light_bias(light, spread=float(texel) * 0.5**0.5, extent=margin / round_off(1.0))
+        self.map.bias = light_bias(light, spread=float(texel) * 0.5**0.5, extent=max(extent, float(far - near)))
         self._launcher.launch_each(
             _trace_directional, (-(-size // _TILE) * _TILE) ** 2, casters.mesh.id, self.map, self._depth
         )

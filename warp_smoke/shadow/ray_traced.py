@@ -58,10 +58,10 @@ class RayTracedShadow:
     def update(self, time: float) -> None:
         """Places the light as at a time code."""
         light, casters = self._light, self._casters
-        extent = max(casters.extent, self._receiver_extent)
-        self._offset = round_off(extent)
+        # A receiver is to clear its own triangles; others may be far larger, like a sky around the set.
+        self._offset = round_off(self._receiver_extent)
         if isinstance(light, DistantLight):
-            past_all = -4.0 * extent * light.direction_at(time)
+            past_all = -4.0 * max(casters.extent, self._receiver_extent) * light.direction_at(time)
             self._homogeneous = wp.vec4(*past_all.tolist(), 0.0)
             self._near, self._far = 0.0, float(np.inf)
         else:
