@@ -7,6 +7,7 @@ from importlib.metadata import version
 
 from warp_smoke.geometry import Mesh
 from warp_smoke.plan import Plan, make_plan
+from warp_smoke.preview import preview
 from warp_smoke.record import Samples
 from warp_smoke.run import run
 from warp_smoke.scene import (
@@ -44,6 +45,7 @@ __all__ = [
     "Surface",
     "Texture",
     "make_plan",
+    "preview",
     "run",
 ]
 

@@ -142,12 +142,10 @@ def preview(path: Path, *, frame: int | None = None, screenshot: Path | None = N
     size
         Width and height in pixels.
     """
-    from warp_smoke.preview import open_preview
-
     width, _, height = size.partition("x")
     if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 8192 and 0 < int(height) <= 8192):
         raise ValueError(f"--size is {size}; allowed: WIDTHxHEIGHT, 1 to 8192 pixels each")
-    open_preview(path, frame=frame, screenshot=screenshot, size=(int(width), int(height)))
+    warp_smoke.preview(path, frame=frame, screenshot=screenshot, size=(int(width), int(height)))
     if screenshot:
         _out.print(f"Wrote {screenshot}", soft_wrap=True, highlight=False)
 

@@ -142,7 +142,7 @@ def test_smoke_only():
     assert (scene.meters_per_unit, scene.up_axis) == (0.01, "Z")
     assert not scene.lights
     assert not scene.surfaces
-    assert place_lattice(scene, scene.domains[0]).h == pytest.approx(2 / 48)
+    assert place_lattice(scene, scene.domains[0]).h == pytest.approx(2 / 64)
     ball, vent = scene.emitters
     assert ball.moves
     assert [bool(vent.enabled.at(frame)) for frame in (1, 15, 16, 27, 28, 48)] == [True, True, False, False, True, True]

@@ -1,10 +1,14 @@
 """A look at a stage: the window, and pictures of it; the only part of the package that imports pyvista."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from PIL import Image
 
-__all__ = ["open_preview"]
+if TYPE_CHECKING:
+    from warp_smoke.output import Result
+
+__all__ = ["preview"]
 
 # Voxels between samples in the window and in pictures: two look like one, and on a CPU take two thirds of the time.
 STEP, STEP_STILL = 2.0, 1.0
@@ -12,8 +16,8 @@ STEP, STEP_STILL = 2.0, 1.0
 SUPERSAMPLES = 2
 
 
-def open_preview(
-    path: str | Path,
+def preview(
+    shown: "str | Path | Result",
     frame: int | None = None,
     screenshot: str | Path | None = None,
     size: tuple[int, int] = (1280, 720),
@@ -21,7 +25,7 @@ def open_preview(
     """Shows a stage in a window, or saves a picture of it; everything is read from its files.
 
     Args:
-        path: a USD stage, or a folder that a run wrote.
+        shown: a USD stage, a folder that a run wrote, or what `run` returned.
         frame: shown first; the middle one unless given.
         screenshot: the picture's file; then no window is opened and no display is needed.
         size: width and height [pixels].
@@ -36,6 +40,7 @@ def open_preview(
     from warp_smoke.preview.view import StageView
     from warp_smoke.preview.window import Window
 
+    path = getattr(shown, "stage", shown)
     stage = PreviewStage(path)
     frames = stage.scene.frames
     if frame is None:

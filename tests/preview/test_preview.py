@@ -10,7 +10,7 @@ from scenes import at
 
 import warp_smoke as ws
 from warp_smoke.geometry import transform_points
-from warp_smoke.preview import open_preview
+from warp_smoke.preview import preview
 from warp_smoke.preview.camera import camera_view
 from warp_smoke.preview.color import linear_to_srgb
 from warp_smoke.preview.stage import PreviewStage
@@ -23,9 +23,9 @@ SIZE = (160, 120)
 
 
 def _picture(path, folder, frame):
-    """The picture that `open_preview` saves, [h, w, 3] int."""
+    """The picture that `preview` saves, [h, w, 3] int."""
     file = folder / "picture.png"
-    open_preview(path, frame=frame, screenshot=file, size=SIZE)
+    preview(path, frame=frame, screenshot=file, size=SIZE)
     return np.asarray(Image.open(file)).astype(int)
 
 
@@ -189,4 +189,4 @@ def test_damaged_volume_file(results, tmp_path):
 def test_folder_without_results(tmp_path):
     """A folder that no run wrote is refused."""
     with pytest.raises(ValueError, match="holds 0 results"):
-        open_preview(tmp_path, screenshot=tmp_path / "picture.png")
+        preview(tmp_path, screenshot=tmp_path / "picture.png")
