@@ -18,9 +18,14 @@ def test_an_error_leaves_the_old_file_alone(tmp_path):
     """An error halfway through writing leaves what was there before, and nothing else."""
     path = tmp_path / "a.txt"
     write_text(path, "old")
-    with pytest.raises(RuntimeError), replacing(path) as partial:
-        partial.write_text("half of the n")
-        raise RuntimeError
+
+    def write_half():
+        with replacing(path) as partial:
+            partial.write_text("half of the n")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        write_half()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
