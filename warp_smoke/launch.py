@@ -174,7 +174,7 @@ class Launcher:
         Arrays must be contiguous; structs must not be changed after their first launch.
         """
         ni, nj, nk = shape
-        run = nk if self.device.is_cpu else 1
+        run = max(nk, 1) if self.device.is_cpu else 1
         self._launch(kernel, ni, (nj, -(-nk // run)), run, nj * nk / _CELLS_WORTH_A_THREAD, args)
 
     def launch_each(self, kernel: wp.Kernel, count: int, *args) -> None:

@@ -8,16 +8,45 @@ cells. Velocity there goes on as on the side. Through a closed side nothing come
 the first cell centre a field is constant.
 """
 
-from math import prod
+from math import prod, sqrt
 
 import warp as wp
 
-from warp_smoke.fluid.grid import Block, Patch, beside, cell_patches, face_patches, face_shape
-from warp_smoke.fluid.interpolation import blend, corners, fraction, greater, lesser, sample, within
+from warp_smoke.fluid.grid import Block, Patch, all_cells, beside, face_shape, inner_faces, side_faces_from_within
+from warp_smoke.fluid.interpolation import blend, corners, fraction, greater, lesser, sample, settle, within
+from warp_smoke.fluid.solid_boundary import SolidBoundary
 from warp_smoke.fluid.trace import trace_ahead, trace_back, trace_limits
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def _end_of_trace(
+    x0: wp.array3d[float],
+    y0: wp.array3d[float],
+    z0: wp.array3d[float],
+    x1: wp.array3d[float],
+    y1: wp.array3d[float],
+    z1: wp.array3d[float],
+    i: int,
+    j: int,
+    k: int,
+    a: wp.array3d[float],
+    lower: wp.vec3,
+    upper: wp.vec3,
+):
+    """Where the trace of sample (i, j, k) ends among the samples of a, and how much of that lies inside of them.
+
+    The displacement is the mean of those in the cells beside the sample; the end is kept within [lower, upper].
+    """
+    x = within(float(i) + 0.5 * (x0[i, j, k] + x1[i, j, k]), lower[0], upper[0])
+    y = within(float(j) + 0.5 * (y0[i, j, k] + y1[i, j, k]), lower[1], upper[1])
+    z = within(float(k) + 0.5 * (z0[i, j, k] + z1[i, j, k]), lower[2], upper[2])
+    cx = within(x, 0.0, float(a.shape[0] - 1))
+    cy = within(y, 0.0, float(a.shape[1] - 1))
+    cz = within(z, 0.0, float(a.shape[2] - 1))
+    return cx, cy, cz, (1.0 - wp.abs(x - cx)) * (1.0 - wp.abs(y - cy)) * (1.0 - wp.abs(z - cz))
 
 
 @wp.kernel
@@ -33,10 +62,7 @@ def _sample_back(
     ambient: float,
     a_out: wp.array3d[float],
 ):
-    """Semi-Lagrangian: a_out(x) = a(x + d), d the mean of the cells beside x, x + d kept within [lower, upper].
-
-    One sample outside of a there is ambient.
-    """
+    """Semi-Lagrangian: a_out(x) = a(x + d); one sample outside of a there is ambient."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
@@ -47,26 +73,17 @@ def _sample_back(
     y1 = beside(dy, block.after)
     z1 = beside(dz, block.after)
     out = dense_store(a_out)
-    last_x = float(a.shape[0] - 1)
-    last_y = float(a.shape[1] - 1)
-    last_z = float(a.shape[2] - 1)
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x = within(float(i) + 0.5 * (x0[i, j, k] + x1[i, j, k]), lower[0], upper[0])
-        y = within(float(j) + 0.5 * (y0[i, j, k] + y1[i, j, k]), lower[1], upper[1])
-        z = within(float(k) + 0.5 * (z0[i, j, k] + z1[i, j, k]), lower[2], upper[2])
-        cx = within(x, 0.0, last_x)
-        cy = within(y, 0.0, last_y)
-        cz = within(z, 0.0, last_z)
-        inside = (1.0 - wp.abs(x - cx)) * (1.0 - wp.abs(y - cy)) * (1.0 - wp.abs(z - cz))
-        value = sample(a, cx, cy, cz)
-        out[i, j, k] = bits(ambient + inside * (value - ambient))
+        x, y, z, inside = _end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, a, lower, upper)
+        value = sample(a, x, y, z)
+        out[i, j, k] = bits(settle(ambient + inside * (value - ambient)))
         k += 1
 
 
 @wp.kernel
-def _predict(
+def _guess(
     rows: Rows,
     block: Block,
     dx: wp.array3d[float],
@@ -93,25 +110,16 @@ def _predict(
     out = dense_store(a_out)
     least = dense_store(least_out)
     most = dense_store(most_out)
-    last_x = float(a.shape[0] - 1)
-    last_y = float(a.shape[1] - 1)
-    last_z = float(a.shape[2] - 1)
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x = within(float(i) + 0.5 * (x0[i, j, k] + x1[i, j, k]), lower[0], upper[0])
-        y = within(float(j) + 0.5 * (y0[i, j, k] + y1[i, j, k]), lower[1], upper[1])
-        z = within(float(k) + 0.5 * (z0[i, j, k] + z1[i, j, k]), lower[2], upper[2])
-        cx = within(x, 0.0, last_x)
-        cy = within(y, 0.0, last_y)
-        cz = within(z, 0.0, last_z)
-        inside = (1.0 - wp.abs(x - cx)) * (1.0 - wp.abs(y - cy)) * (1.0 - wp.abs(z - cz))
-        a000, a001, a010, a011, a100, a101, a110, a111 = corners(a, cx, cy, cz)
-        fx = fraction(cx, a.shape[0])
-        fy = fraction(cy, a.shape[1])
-        fz = fraction(cz, a.shape[2])
+        x, y, z, inside = _end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, a, lower, upper)
+        a000, a001, a010, a011, a100, a101, a110, a111 = corners(a, x, y, z)
+        fx = fraction(x, a.shape[0])
+        fy = fraction(y, a.shape[1])
+        fz = fraction(z, a.shape[2])
         value = blend(a000, a001, a010, a011, a100, a101, a110, a111, fx, fy, fz)
-        value = ambient + inside * (value - ambient)
+        value = settle(ambient + inside * (value - ambient))
         low = lesser(lesser(lesser(a000, a001), lesser(a010, a011)), lesser(lesser(a100, a101), lesser(a110, a111)))
         high = greater(greater(a000, a001), greater(a010, a011))
         high = greater(high, greater(greater(a100, a101), greater(a110, a111)))
@@ -122,7 +130,7 @@ def _predict(
 
 
 @wp.kernel
-def _correct(
+def _correct_within(
     rows: Rows,
     block: Block,
     ex: wp.array3d[float],
@@ -154,21 +162,80 @@ def _correct(
     low = dense(least)
     high = dense(most)
     out = dense_store(a_out)
-    last_x = float(guess.shape[0] - 1)
-    last_y = float(guess.shape[1] - 1)
-    last_z = float(guess.shape[2] - 1)
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x = within(float(i) + 0.5 * (x0[i, j, k] + x1[i, j, k]), lower[0], upper[0])
-        y = within(float(j) + 0.5 * (y0[i, j, k] + y1[i, j, k]), lower[1], upper[1])
-        z = within(float(k) + 0.5 * (z0[i, j, k] + z1[i, j, k]), lower[2], upper[2])
-        cx = within(x, 0.0, last_x)
-        cy = within(y, 0.0, last_y)
-        cz = within(z, 0.0, last_z)
-        inside = (1.0 - wp.abs(x - cx)) * (1.0 - wp.abs(y - cy)) * (1.0 - wp.abs(z - cz))
-        value = new[i, j, k] + 0.5 * inside * (old[i, j, k] - sample(guess, cx, cy, cz))
-        out[i, j, k] = bits(within(value, low[i, j, k], high[i, j, k]))
+        x, y, z, inside = _end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, guess, lower, upper)
+        value = new[i, j, k] + 0.5 * inside * (old[i, j, k] - sample(guess, x, y, z))
+        out[i, j, k] = bits(settle(within(value, low[i, j, k], high[i, j, k])))
+        k += 1
+
+
+@wp.kernel
+def _correct_or_not(
+    rows: Rows,
+    block: Block,
+    ex: wp.array3d[float],
+    ey: wp.array3d[float],
+    ez: wp.array3d[float],
+    a: wp.array3d[float],
+    guess: wp.array3d[float],
+    least: wp.array3d[float],
+    most: wp.array3d[float],
+    lower: wp.vec3,
+    upper: wp.vec3,
+    a_out: wp.array3d[float],
+):
+    """Like `_correct_within`, but a_out = guess where the correction would leave [least, most]."""
+    i, j, c = wp.tid()
+    i += rows.first + block.first[0]
+    j += block.first[1]
+    x0 = beside(ex, block.before)
+    y0 = beside(ey, block.before)
+    z0 = beside(ez, block.before)
+    x1 = beside(ex, block.after)
+    y1 = beside(ey, block.after)
+    z1 = beside(ez, block.after)
+    old = dense(a)
+    new = dense(guess)
+    low = dense(least)
+    high = dense(most)
+    out = dense_store(a_out)
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
+    while k < end:
+        x, y, z, inside = _end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, guess, lower, upper)
+        value = new[i, j, k] + 0.5 * inside * (old[i, j, k] - sample(guess, x, y, z))
+        limited = within(value, low[i, j, k], high[i, j, k])
+        out[i, j, k] = bits(settle(wp.where(limited == value, value, new[i, j, k])))
+        k += 1
+
+
+@wp.kernel
+def _copy(rows: Rows, block: Block, a: wp.array3d[float], a_out: wp.array3d[float]):
+    """Copy: a_out(x) = a(x − before)."""
+    i, j, c = wp.tid()
+    i += rows.first + block.first[0]
+    j += block.first[1]
+    src = beside(a, block.before)
+    out = dense_store(a_out)
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
+    while k < end:
+        out[i, j, k] = bits(src[i, j, k])
+        k += 1
+
+
+@wp.kernel
+def _scale(rows: Rows, factor: float, u_inout: wp.array3d[float]):
+    """Scaling: u = factor u."""
+    i, j, c = wp.tid()
+    i += rows.first
+    u = dense(u_inout)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, u_inout.shape[2])
+    while k < end:
+        u[i, j, k] = factor * u[i, j, k]
         k += 1
 
 
@@ -177,13 +244,14 @@ class _Samples:
 
     Attributes:
         shape: of the field.
-        patches: blocks of samples that are carried; faces of closed sides are not.
+        carried: the samples that are carried; faces on the domain's sides are not.
+        continued: faces on open sides, which go on as the next face inside.
         clamped: first and last sample along each axis, lower and upper.
         limits: the same, but one sample farther out on open sides.
     """
 
-    def __init__(self, shape: tuple[int, int, int], sides: tuple[str, ...], patches: list[Patch]):
-        self.shape, self.patches = shape, patches
+    def __init__(self, shape: tuple[int, int, int], sides: tuple[str, ...], carried: Patch, continued: list[Patch]):
+        self.shape, self.carried, self.continued = shape, carried, continued
         last = [n - 1 for n in shape]
         out = [int(side == "open") for side in sides]
         self.clamped = wp.vec3(0.0, 0.0, 0.0), wp.vec3(*last)
@@ -193,21 +261,32 @@ class _Samples:
 class SemiLagrangian:
     """Order 1: each sample takes the value interpolated where its trace began."""
 
-    def __init__(self, launcher: Launcher, shape: tuple[int, int, int], sides: tuple[str, ...]):
+    def __init__(
+        self,
+        launcher: Launcher,
+        shape: tuple[int, int, int],
+        sides: tuple[str, ...],
+        boundary: SolidBoundary | None = None,
+    ):
         """Allocates.
 
         Args:
             launcher: where it runs.
             shape: cells along each axis (nx, ny, nz).
             sides: open or closed for each of -x +x -y +y -z +z.
+            boundary: of the colliders, or None.
         """
-        self._launcher = launcher
+        self._launcher, self._boundary = launcher, boundary
         self._trace_limits = trace_limits(shape, sides)
+        self._cells = _Samples(shape, sides, all_cells(shape), [])
+        self._faces = tuple(
+            _Samples(
+                face_shape(shape, axis), sides, inner_faces(shape, axis), side_faces_from_within(shape, sides, axis)
+            )
+            for axis in range(3)
+        )
         self._back = self._zeros([shape] * 3)
-        # u, v, w, and the cells.
-        faces = ((face_shape(shape, axis), face_patches(shape, sides, axis)) for axis in range(3))
-        self._samples = [_Samples(each, sides, patches) for each, patches in (*faces, (shape, cell_patches(shape)))]
-        self._spare = self._zeros([samples.shape for samples in self._samples])
+        self._spare = {samples: launcher.zeros(samples.shape, "advection") for samples in (self._cells, *self._faces)}
 
     def _zeros(self, shapes: list) -> list:
         return [self._launcher.zeros(shape, "advection") for shape in shapes]
@@ -220,10 +299,15 @@ class SemiLagrangian:
             step: dt / h [s/m].
         """
         trace_back(self._launcher, velocity, step, self._trace_limits, self._back)
+        if self._boundary:
+            self._boundary.stop(self._back, self._back)
 
     def advect_velocity(self, velocity: tuple) -> tuple:
         """Carries u, v, w; returns them in other arrays, and keeps the given ones for the next time."""
-        return tuple(self._advect(n, each, self._samples[n].clamped, 0.0) for n, each in enumerate(velocity))
+        return tuple(
+            self._advect(faces, component, faces.clamped, 0.0)
+            for faces, component in zip(self._faces, velocity, strict=True)
+        )
 
     def advect_scalar(self, scalar: wp.array, ambient: float) -> wp.array:
         """Carries a field of the cells; returns it in another array, and keeps the given one for the next time.
@@ -232,46 +316,82 @@ class SemiLagrangian:
             scalar: [nx, ny, nz].
             ambient: its value outside of open sides.
         """
-        return self._advect(3, scalar, self._samples[3].limits, ambient)
+        return self._advect(self._cells, scalar, self._cells.limits, ambient)
 
-    def _advect(self, n: int, field: wp.array, limits: tuple, ambient: float) -> wp.array:
+    def _advect(self, samples: _Samples, field: wp.array, limits: tuple, ambient: float) -> wp.array:
         # Faces on closed sides are never written: they are 0 in the field and in the spare array.
-        new = self._spare[n]
-        for shape, block in self._samples[n].patches:
-            self._launcher.launch(_sample_back, shape, block, *self._back, field, *limits, ambient, new)
-        self._spare[n] = field
+        new = self._spare[samples]
+        self._carry(samples, field, limits, ambient, new)
+        self._continue(samples, field, new)
+        self._spare[samples] = field
         return new
+
+    def _carry(self, samples: _Samples, field: wp.array, limits: tuple, ambient: float, new: wp.array) -> None:
+        shape, block = samples.carried
+        self._launcher.launch(_sample_back, shape, block, *self._back, field, *limits, ambient, new)
+        if self._boundary and samples is self._cells:
+            self._boundary.sample(self._back, field, limits, ambient, (new, new, new))
+
+    def _continue(self, samples: _Samples, field: wp.array, new: wp.array) -> None:
+        # In a domain one cell thick there is no next face inside; those on its sides keep their velocity.
+        source = field if 0 in samples.carried.shape else new
+        for shape, block in samples.continued:
+            self._launcher.launch(_copy, shape, block, source, new)
 
 
 class MacCormack(SemiLagrangian):
     """Order 2: a semi-Lagrangian guess, less half of its error, which shows when the guess is carried back again.
 
-    The result stays within the range of the samples around the place where the trace began.
+    The result stays within the range of the samples around the place where the trace began: a scalar is clamped to it,
+    which keeps it sharp; velocity falls back to its guess, for where it is clamped, noise feeds on the flow.
     """
 
-    def __init__(self, launcher: Launcher, shape: tuple[int, int, int], sides: tuple[str, ...]):
+    def __init__(
+        self,
+        launcher: Launcher,
+        shape: tuple[int, int, int],
+        sides: tuple[str, ...],
+        boundary: SolidBoundary | None = None,
+    ):
         """Allocates; arguments as for `SemiLagrangian`."""
-        super().__init__(launcher, shape, sides)
-        shapes = [samples.shape for samples in self._samples]
+        super().__init__(launcher, shape, sides, boundary)
         self._ahead = self._zeros([shape] * 3)
-        self._guess = self._zeros(shapes)
-        bounds = self._zeros([max(map(prod, shapes))] * 2)
-        self._bounds = [[each[: prod(shape)].reshape(shape) for each in bounds] for shape in shapes]
+        self._guess = {samples: launcher.zeros(samples.shape, "advection") for samples in self._spare}
+        bounds = self._zeros([max(prod(samples.shape) for samples in self._spare)] * 2)
+        self._bounds = {
+            samples: [each[: prod(samples.shape)].reshape(samples.shape) for each in bounds] for samples in self._spare
+        }
 
     def trace(self, velocity: tuple, step: float) -> None:
         """Traces through one step both ways."""
-        super().trace(velocity, step)
+        trace_back(self._launcher, velocity, step, self._trace_limits, self._back)
         trace_ahead(self._launcher, velocity, step, self._trace_limits, self._back, self._ahead)
+        if self._boundary:
+            self._boundary.stop(self._back, self._ahead)
 
-    def _advect(self, n: int, field: wp.array, limits: tuple, ambient: float) -> wp.array:
-        samples, new, guess, bounds = self._samples[n], self._spare[n], self._guess[n], self._bounds[n]
-        for shape, block in samples.patches:
-            self._launcher.launch(_predict, shape, block, *self._back, field, *limits, ambient, guess, *bounds)
-        for shape, block in samples.patches:
-            args = (*self._ahead, field, guess, *bounds, *samples.limits, new)
-            self._launcher.launch(_correct, shape, block, *args)
-        self._spare[n] = field
-        return new
+    def _carry(self, samples: _Samples, field: wp.array, limits: tuple, ambient: float, new: wp.array) -> None:
+        (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
+        self._launcher.launch(_guess, shape, block, *self._back, field, *limits, ambient, guess, *bounds)
+        if self._boundary and samples is self._cells:
+            self._boundary.sample(self._back, field, limits, ambient, (guess, *bounds))
+        self._continue(samples, field, guess)
+        correct = _correct_within if samples is self._cells else _correct_or_not
+        args = (*self._ahead, field, guess, *bounds, *samples.limits, new)
+        self._launcher.launch(correct, shape, block, *args)
+
+
+def limit_energy(launcher: Launcher, velocity: tuple, energy: float, most: float) -> None:
+    """Slows the whole flow down if it has more kinetic energy than it may have: advection does no work.
+
+    Args:
+        launcher: where it runs.
+        velocity: u, v, w on faces [m/s], changed.
+        energy: kinetic energy of the velocity [m²/s²].
+        most: that it may have [m²/s²].
+    """
+    if energy > most:
+        for component in velocity:
+            launcher.launch(_scale, component.shape, sqrt(most / energy), component)
 
 
 # All fields of a domain are carried by the same scheme.

@@ -62,24 +62,45 @@ def face_shape(shape: tuple[int, int, int], axis: int) -> tuple[int, int, int]:
     return tuple(n + (a == axis) for a, n in enumerate(shape))
 
 
-def cell_patches(shape: tuple[int, int, int]) -> list[Patch]:
-    """All cells, as one patch."""
+def all_cells(shape: tuple[int, int, int]) -> Patch:
+    """Every cell; those beside it are itself."""
     here = (0, 0, 0)
-    return [make_patch(here, shape, here, here)]
+    return make_patch(here, shape, here, here)
 
 
-def face_patches(shape: tuple[int, int, int], sides: tuple[str, ...], axis: int) -> list[Patch]:
-    """The faces across an axis that air may pass: those between cells, and those on open sides (beside one cell)."""
-    unit = tuple(int(a == axis) for a in range(3))
-    here = (0, 0, 0)
+def inner_faces(shape: tuple[int, int, int], axis: int) -> Patch:
+    """The faces across an axis that lie between two cells."""
+    unit = _unit(axis)
     between = tuple(n - step for n, step in zip(shape, unit, strict=True))
-    side = tuple(1 if step else n for n, step in zip(shape, unit, strict=True))
+    return make_patch(unit, between, unit, (0, 0, 0))
+
+
+def side_faces(shape: tuple[int, int, int], sides: tuple[str, ...], axis: int) -> list[Patch]:
+    """The faces across an axis on each open side of the domain; the cells beside them are both the one inside."""
     patches = []
-    if 0 not in between:
-        patches.append(make_patch(unit, between, unit, here))
-    if sides[2 * axis] == "open":
-        patches.append(make_patch(here, side, here, here))
-    if sides[2 * axis + 1] == "open":
-        last = tuple(n * step for n, step in zip(shape, unit, strict=True))
-        patches.append(make_patch(last, side, unit, unit))
+    for first, count, _ in _open_sides(shape, sides, axis):
+        inside = _unit(axis) if any(first) else (0, 0, 0)
+        patches.append(make_patch(first, count, inside, inside))
     return patches
+
+
+def side_faces_from_within(shape: tuple[int, int, int], sides: tuple[str, ...], axis: int) -> list[Patch]:
+    """Like `side_faces`; what lies beside each is the next face inside, or itself in a domain one cell thick."""
+    patches = []
+    for first, count, inwards in _open_sides(shape, sides, axis):
+        offset = tuple(-inwards * step * (shape[axis] > 1) for step in _unit(axis))
+        patches.append(make_patch(first, count, offset, offset))
+    return patches
+
+
+def _unit(axis: int) -> tuple[int, int, int]:
+    return tuple(int(a == axis) for a in range(3))
+
+
+def _open_sides(shape: tuple[int, int, int], sides: tuple[str, ...], axis: int) -> list[tuple]:
+    """First face, size and direction inwards of each open side across an axis."""
+    unit = _unit(axis)
+    count = tuple(1 if step else n for n, step in zip(shape, unit, strict=True))
+    last = tuple(n * step for n, step in zip(shape, unit, strict=True))
+    both = ((0, 0, 0), count, 1), (last, count, -1)
+    return [side for side, kind in zip(both, sides[2 * axis : 2 * axis + 2], strict=True) if kind == "open"]

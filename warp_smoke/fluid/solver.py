@@ -4,13 +4,13 @@ J. Stam, *Stable Fluids*, 1999; R. Fedkiw, J. Stam, H. W. Jensen, *Visual Simula
 forces, projects the velocity, carries all fields along it, and dissipates.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import ceil, isfinite, sqrt
 from typing import TYPE_CHECKING
 
 import warp as wp
 
-from warp_smoke.fluid.advection import ADVECTION_SCHEMES
+from warp_smoke.fluid.advection import ADVECTION_SCHEMES, limit_energy
 from warp_smoke.fluid.colliders import Solids
 from warp_smoke.fluid.dissipation import decay
 from warp_smoke.fluid.emitters import Source
@@ -24,6 +24,7 @@ from warp_smoke.fluid.operators import (
     subtract_gradient,
 )
 from warp_smoke.fluid.pressure import PRESSURE_SOLVERS, PressureProblem, PressureStatus
+from warp_smoke.fluid.solid_boundary import SolidBoundary
 from warp_smoke.fluid.state import make_state
 from warp_smoke.fluid.vorticity import VorticityConfinement
 from warp_smoke.launch import Launcher
@@ -45,14 +46,16 @@ class StepReport:
     Attributes:
         substeps: how many steps.
         courant: largest max|u| dt / h that anything was carried with.
-        pressure: how well each step's pressure was solved for.
+        speed: largest |velocity component| at the end [m/s].
+        pressure: how well each step's pressure was solved for; empty where nothing flows.
         confinement: smallest share of the vorticity confinement asked for that its cap on kinetic energy let through.
     """
 
-    substeps: int
-    courant: float
-    pressure: list[PressureStatus]
-    confinement: float
+    substeps: int = 1
+    courant: float = 0.0
+    speed: float = 0.0
+    pressure: list[PressureStatus] = field(default_factory=list)
+    confinement: float = 1.0
 
 
 class SmokeSolver:
@@ -73,20 +76,22 @@ class SmokeSolver:
         """
         self._launcher, self._timings, self._passes = launcher, timings, frozenset(plan.passes)
         self._domain, self._lattice = plan.domain, plan.lattice
-        shape, sides, h = plan.lattice.shape, plan.lattice.sides, plan.lattice.h
+        shape, sides = plan.lattice.shape, plan.lattice.sides
         self._sources = [Source(launcher, plan.lattice, emitter) for emitter in plan.emitters]
         self.state = make_state(launcher, shape, self._passes, plan.domain.ambient_temperature)
         self.solids = Solids(launcher, plan.lattice, plan.colliders) if self._has("voxelize_colliders") else None
-        if self._has("add_buoyancy"):
-            self._buoyancy = Buoyancy(launcher, shape, sides, plan.lattice.up)
-        if self._has("project_pressure"):
+        self._flows = self._has("project_pressure")
+        if self._flows:
+            self._boundary = SolidBoundary(launcher, self.solids) if self.solids else None
             problem = PressureProblem(shape=shape, sides=sides, solids=self.solids, tolerance=plan.pressure_tolerance)
             self._pressure_solver = PRESSURE_SOLVERS[plan.pressure_solver](launcher, problem)
             self._divergence = launcher.zeros(shape, "divergence")
+            self._advection = ADVECTION_SCHEMES[plan.advection](launcher, shape, sides, self._boundary)
             self._measures = Measures(launcher, shape)
-            self._advection = ADVECTION_SCHEMES[plan.advection](launcher, shape, sides)
+        if self._has("add_buoyancy"):
+            self._buoyancy = Buoyancy(launcher, shape, sides, plan.lattice.up)
         if self._has("confine_vorticity"):
-            self._confinement = VorticityConfinement(launcher, shape, sides, h, self._measures)
+            self._confinement = VorticityConfinement(launcher, shape, plan.lattice.h, self._measures)
 
     def _has(self, name: str) -> bool:
         return name in self._passes
@@ -99,6 +104,10 @@ class SmokeSolver:
         """
         self._place_colliders(time, time, 0.0)
         self._emit(time, time, 0.0)
+        if self.solids:
+            self._boundary.empty(self.state.density, 0.0)
+            if self.state.temperature:
+                self._boundary.empty(self.state.temperature, self._domain.ambient_temperature)
 
     def advance(self, start: float, end: float, seconds: float) -> StepReport:
         """Advances the smoke in as many steps as the Courant number calls for.
@@ -111,15 +120,19 @@ class SmokeSolver:
         Raises:
             FloatingPointError: a field is not finite.
         """
+        if not self._flows:
+            return self.step(start, end, seconds)
         reports, left = [], 0
+        speed, _ = self._motion("advect_velocity")
         while left != 1:
-            left = max(1, min(self._count_steps(seconds), _MAX_STEPS - len(reports)))
+            left = max(1, min(self._count_steps(seconds, speed), _MAX_STEPS - len(reports)))
             dt, reached = seconds / left, start + (end - start) / left
             reports.append(self.step(start, reached, dt))
-            start, seconds = reached, seconds - dt
+            start, seconds, speed = reached, seconds - dt, reports[-1].speed
         return StepReport(
             substeps=len(reports),
             courant=max(report.courant for report in reports),
+            speed=speed,
             pressure=[status for report in reports for status in report.pressure],
             confinement=min(report.confinement for report in reports),
         )
@@ -135,32 +148,34 @@ class SmokeSolver:
         Raises:
             FloatingPointError: a field is not finite.
         """
+        report = StepReport()
         self._place_colliders(start, end, dt)
         self._emit(start, end, dt)
-        self._add_buoyancy(dt)
-        confinement = self._confine_vorticity(dt)
-        pressure = self._project_pressure()
-        courant = self._advect(dt)
+        if self._flows:
+            self._add_buoyancy(dt)
+            confinement = self._confine_vorticity(dt)
+            pressure = self._project_pressure()
+            courant, speed = self._advect(dt)
+            report = StepReport(1, courant, speed, [pressure], confinement)
         self._dissipate(dt)
-        return StepReport(1, courant, pressure, confinement)
+        return report
 
-    def _count_steps(self, seconds: float) -> int:
+    def _count_steps(self, seconds: float, speed: float) -> int:
         """Steps that keep (max|u| + a dt) dt within the limit, a the largest acceleration by buoyancy."""
-        if not self._has("project_pressure"):
-            return 1
-        domain, state = self._domain, self.state
+        domain, state, acceleration = self._domain, self.state, 0.0
         with self._timings.measure("measure_motion"):
-            speed, _ = self._motion("advect_velocity")
             density = self._departure("density", state.density, 0.0)
             temperature = self._departure("temperature", state.temperature, domain.ambient_temperature)
-        acceleration = abs(domain.buoyancy_density) * density + abs(domain.buoyancy_temperature) * temperature
+        if self._has("add_buoyancy"):
+            acceleration = abs(domain.buoyancy_density) * density + abs(domain.buoyancy_temperature) * temperature
         reach = domain.max_courant * self._lattice.h  # how far smoke may go in a step [m]
         steps = seconds * (speed + sqrt(speed * speed + 4.0 * acceleration * reach)) / (2.0 * reach)
         return ceil(min(steps, _MAX_STEPS) * (1.0 - _ROUND_OFF))
 
     def _motion(self, name: str) -> tuple[float, float]:
         """Largest speed [m/s] and kinetic energy [m²/s²] after the pass `name`."""
-        speed, energy = self._measures.motion(self.state.velocity)
+        with self._timings.measure("measure_motion"):
+            speed, energy = self._measures.motion(self.state.velocity)
         if not isfinite(energy):
             raise FloatingPointError(f"{self._domain.path}: velocity is not finite after {name}")
         return speed, energy
@@ -173,9 +188,9 @@ class SmokeSolver:
         return departure
 
     def _place_colliders(self, start: float, end: float, dt: float) -> None:
-        if self._has("voxelize_colliders"):
+        if self.solids:
             with self._timings.measure("voxelize_colliders"):
-                self.solids.update(start, end, dt)
+                self._boundary.move(start, end, dt)
 
     def _emit(self, start: float, end: float, dt: float) -> None:
         state = self.state
@@ -209,49 +224,48 @@ class SmokeSolver:
         with self._timings.measure("confine_vorticity"):
             return self._confinement.add(self.state.velocity, self._domain.vorticity, dt, self.state.energy_lost)
 
-    def _project_pressure(self) -> list[PressureStatus]:
-        if not self._has("project_pressure"):
-            return []
-        launcher, sides = self._launcher, self._lattice.sides
+    def _project_pressure(self) -> PressureStatus:
+        launcher, sides, divergence = self._launcher, self._lattice.sides, self._divergence
         velocity, pressure = self.state.velocity, self.state.pressure
         with self._timings.measure("project_pressure"):
-            if self.solids is None:
-                close_sides(launcher, sides, velocity)
-                measure_divergence(launcher, velocity, self._divergence)
-                status = self._pressure_solver.solve(self._divergence, pressure)
-                subtract_gradient(launcher, pressure, sides, velocity)
-            else:
+            if self.solids:
                 self.solids.apply(velocity)
-                measure_fluid_divergence(launcher, velocity, self.solids, self._divergence)
-                status = self._pressure_solver.solve(self._divergence, pressure)
+                measure_fluid_divergence(launcher, velocity, self.solids, divergence)
+                status = self._pressure_solver.solve(divergence, pressure)
                 subtract_fluid_gradient(launcher, pressure, sides, self.solids, velocity)
-        return [status]
+            else:
+                close_sides(launcher, sides, velocity)
+                measure_divergence(launcher, velocity, divergence)
+                status = self._pressure_solver.solve(divergence, pressure)
+                subtract_gradient(launcher, pressure, sides, velocity)
+        return status
 
-    def _advect(self, dt: float) -> float:
-        """Carries all fields along the velocity; returns the Courant number."""
-        if not self._has("project_pressure"):
-            return 0.0
-        domain, state, advection = self._domain, self.state, self._advection
-        with self._timings.measure("measure_motion"):
-            speed, energy = self._motion("project_pressure")
+    def _advect(self, dt: float) -> tuple[float, float]:
+        """Carries all fields along the velocity; returns the Courant number, and the largest speed that is left."""
+        domain, state, advection, timings = self._domain, self.state, self._advection, self._timings
+        speed, energy = self._motion("project_pressure")
         courant = speed * dt / self._lattice.h
         parts = max(1, ceil(min(courant / domain.max_courant, _MAX_STEPS) * (1.0 - _ROUND_OFF)))
-        with self._timings.measure("advect_velocity"):
+        with timings.measure("advect_velocity"):
+            if self._boundary:
+                self._boundary.extend(state.velocity)
             advection.trace(state.velocity, dt / parts / self._lattice.h)
         for _ in range(parts):
-            if self._has("advect_velocity"):
-                with self._timings.measure("advect_velocity"):
-                    state.velocity = advection.advect_velocity(state.velocity)
-            if self._has("advect_density"):
-                with self._timings.measure("advect_density"):
-                    state.density = advection.advect_scalar(state.density, 0.0)
+            with timings.measure("advect_velocity"):
+                state.velocity = advection.advect_velocity(state.velocity)
+            with timings.measure("advect_density"):
+                state.density = advection.advect_scalar(state.density, 0.0)
             if self._has("advect_temperature"):
-                with self._timings.measure("advect_temperature"):
+                with timings.measure("advect_temperature"):
                     state.temperature = advection.advect_scalar(state.temperature, domain.ambient_temperature)
-        if self._has("confine_vorticity"):
-            with self._timings.measure("confine_vorticity"):
-                state.energy_lost = max(0.0, energy - self._motion("advect_velocity")[1])
-        return courant / parts
+        if self.solids:
+            with timings.measure("advect_velocity"):
+                self.solids.apply(state.velocity)
+        speed, left = self._motion("advect_velocity")
+        with timings.measure("advect_velocity"):
+            limit_energy(self._launcher, state.velocity, left, energy)
+        state.energy_lost = max(0.0, energy - left)
+        return courant / parts, speed
 
     def _dissipate(self, dt: float) -> None:
         domain, state = self._domain, self.state

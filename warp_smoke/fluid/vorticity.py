@@ -8,7 +8,7 @@ from math import sqrt
 import warp as wp
 
 from warp_smoke.fluid.forces import accelerate
-from warp_smoke.fluid.grid import face_patches
+from warp_smoke.fluid.grid import inner_faces
 from warp_smoke.fluid.measures import Measures
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
@@ -170,22 +170,19 @@ def capped_scale(work: float, square: float, cap: float) -> float:
 class VorticityConfinement:
     """Confinement of a strength ε that never makes more kinetic energy than it is allowed."""
 
-    def __init__(
-        self, launcher: Launcher, shape: tuple[int, int, int], sides: tuple[str, ...], h: float, measures: Measures
-    ):
+    def __init__(self, launcher: Launcher, shape: tuple[int, int, int], h: float, measures: Measures):
         """Allocates.
 
         Args:
             launcher: where it runs.
             shape: cells along each axis (nx, ny, nz).
-            sides: open or closed for each of -x +x -y +y -z +z.
             h: side of a cell [m].
             measures: of the same lattice.
         """
         self._launcher, self._h, self._measures = launcher, h, measures
         self._force = tuple(launcher.zeros(shape, "vorticity") for _ in range(3))
         self._size = launcher.zeros(shape, "vorticity")
-        self._patches = [face_patches(shape, sides, axis) for axis in range(3)]
+        self._patches = [[inner_faces(shape, axis)] for axis in range(3)]
 
     def add(self, velocity: tuple, strength: float, dt: float, cap: float) -> float:
         """Adds s dt ε h (N × ω) with the largest s ≤ 1 that keeps the gain of kinetic energy within the cap.
