@@ -29,13 +29,15 @@ def environment() -> dict:
 
 
 def summary_table(report: dict) -> Table:
-    """Where a run's time went: seconds and milliseconds per frame of each pass."""
+    """Where a run's time went: seconds, and milliseconds per frame of each pass that takes any."""
     frames = max(1, len(report["frames"]))
     seconds = report["seconds"]
-    title = f"{frames} frames in {seconds['total']:.2f} s, {1e3 * seconds['frames'] / frames:.0f} ms per frame"
+    each = f"{1e3 * seconds['frames'] / frames:.0f} ms per frame"
+    title = f"{frames} frame{'s' * (frames > 1)}: {seconds['set_up']:.1f} s to set up, {seconds['frames']:.1f} s, {each}"
     table = Table("Pass", "Seconds", "ms / frame", title=title)
     for name, spent in sorted(seconds["passes"].items(), key=lambda item: -item[1]):
-        table.add_row(name, f"{spent:.2f}", f"{1e3 * spent / frames:.1f}")
+        if name != "load_kernels" and 1e3 * spent / frames >= 0.05:
+            table.add_row(name, f"{spent:.2f}", f"{1e3 * spent / frames:.1f}")
     steps = [step["substeps"] for frame in report["frames"] for step in frame["domains"].values()]
     if steps:
         table.caption = f"substeps per frame: {np.min(steps)} to {np.max(steps)}"
