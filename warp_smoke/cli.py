@@ -75,9 +75,9 @@ def run(
         print(json.dumps(result.report, indent=2))
         return
     _warn(scene)
-    from warp_smoke.report import summary_table
+    from warp_smoke.report import summary
 
-    _out.print(summary_table(result.report))
+    _out.print(summary(result.report), highlight=False)
     _out.print(f"Wrote {result.stage}", soft_wrap=True, highlight=False)
 
 

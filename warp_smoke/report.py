@@ -1,9 +1,9 @@
-"""What a run did: its report as plain data, and the table that the command line prints."""
+"""What a run did: its report as plain data, and the summary that the command line prints."""
 
 import platform
 from importlib.metadata import version
 
-import numpy as np
+from rich.console import Group
 from rich.table import Table
 
 
@@ -28,17 +28,17 @@ def environment() -> dict:
     }
 
 
-def summary_table(report: dict) -> Table:
-    """Where a run's time went: seconds, and milliseconds per frame of each pass that takes any."""
-    frames = max(1, len(report["frames"]))
-    seconds = report["seconds"]
-    each = f"{1e3 * seconds['frames'] / frames:.0f} ms per frame"
-    title = f"{frames} frame{'s' * (frames > 1)}: {seconds['set_up']:.1f} s to set up, {seconds['frames']:.1f} s, {each}"
-    table = Table("Pass", "Seconds", "ms / frame", title=title)
-    for name, spent in sorted(seconds["passes"].items(), key=lambda item: -item[1]):
-        if name != "load_kernels" and 1e3 * spent / frames >= 0.05:
-            table.add_row(name, f"{spent:.2f}", f"{1e3 * spent / frames:.1f}")
+def summary(report: dict) -> Group:
+    """Where a run's time went: a line, and a table with each pass that takes a noticeable part of a frame."""
+    count, seconds = len(report["frames"]), report["seconds"]
     steps = [step["substeps"] for frame in report["frames"] for step in frame["domains"].values()]
+    line = f"{count} frame{'s' * (count > 1)}: {seconds['set_up']:.1f} s to set up, {seconds['frames']:.1f} s to make"
     if steps:
-        table.caption = f"substeps per frame: {np.min(steps)} to {np.max(steps)}"
-    return table
+        line += f", {min(steps)} to {max(steps)} substeps a frame"
+    table = Table("Pass", "Seconds", "ms / frame")
+    for name, spent in sorted(seconds["passes"].items(), key=lambda item: -item[1]):
+        if name != "load_kernels" and 1e3 * spent >= 0.05 * count:
+            table.add_row(name, f"{spent:.2f}", f"{1e3 * spent / count:.1f}")
+    table.add_section()
+    table.add_row("all", f"{seconds['frames']:.2f}", f"{1e3 * seconds['frames'] / count:.1f}")
+    return Group(line, table)
