@@ -215,19 +215,32 @@ def _warn(scene: "warp_smoke.Scene") -> None:
         _err.print(f"[yellow]warning[/yellow] {warning}", soft_wrap=True, highlight=False)
 
 
+_BAD_INPUT = (
+    CycloptsError,
+    ValueError,
+    NotImplementedError,
+    FileNotFoundError,
+    FileExistsError,
+    IsADirectoryError,
+    NotADirectoryError,
+    PermissionError,
+)
+_FAILED = (*_BAD_INPUT, OSError, ImportError, MemoryError, FloatingPointError)
+
+
 def main() -> None:
     """Entry point of `warp-smoke`."""
     try:
         status = app(sys.argv[1:], exit_on_error=False, print_error=False)
-    except (CycloptsError, ValueError, OSError, NotImplementedError, ImportError, MemoryError) as error:
+    except BrokenPipeError:  # whoever reads the output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 0
+    except _FAILED as error:
         _err.print(f"[red]error[/red] {_one_line(error)}", soft_wrap=True, highlight=False)
-        status = 1 if isinstance(error, ImportError | MemoryError) else 2
+        status = 2 if isinstance(error, _BAD_INPUT) else 1
     except KeyboardInterrupt:
         _err.print("Stopped.")
         status = 130
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = 1
     sys.exit(status or 0)
 
 
