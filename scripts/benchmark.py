@@ -1,0 +1,103 @@
+"""Times the fluid: ns per cell and step of each pass, by resolution, threads and collider; prints tables, writes JSON.
+
+    python scripts/benchmark.py [--quick] [OUTPUT.json]
+
+The smoke is a plume in a closed box, some frames old, with vorticity confinement; with a collider, a sphere stands
+in its way. Each figure is the median over steps, next to the bandwidth that copying memory reaches in the same run.
+"""
+
+import json
+import sys
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import warp_smoke as ws
+from warp_smoke.report import environment
+
+STEPS, WARM_UP = 15, 8
+
+
+def benchmark_scene(resolution: int, collider: bool) -> ws.Scene:
+    """A plume in a closed box of side 2."""
+    up = np.eye(4)
+    up[3, 1] = 1.0
+    low, middle = up.copy(), up.copy()
+    low[3, 1], middle[3, 1] = 0.4, 1.1
+    domain = ws.SmokeDomain(
+        path="/Smoke",
+        transform=up,
+        resolution=resolution,
+        boundary=("closed",) * 6,
+        buoyancy_temperature=4.0,
+        vorticity=0.5,
+    )
+    ball = ws.Collider(path="/Ball", mesh=ws.Mesh.sphere(0.3), transform=middle)
+    emitter = ws.Emitter(path="/Source", mesh=ws.Mesh.sphere(0.25), transform=low)
+    return ws.Scene(domains=[domain], emitters=[emitter], colliders=[ball] if collider else [], end=10**6)
+
+
+def time_passes(resolution: int, threads: int, collider: bool) -> dict[str, float]:
+    """Median ns per cell and step of each pass, and of the whole step."""
+    simulation = ws.Simulation(benchmark_scene(resolution, collider), threads=threads)
+    solver, seconds = simulation.solver(), simulation.timings.seconds
+    for _ in range(WARM_UP):
+        simulation.step()
+    frame, samples = float(simulation.frame), []
+    for _ in range(STEPS):
+        before, began = dict(seconds), perf_counter()
+        solver.step(frame, frame + 1, 1 / 24)
+        whole = perf_counter() - began
+        frame += 1
+        samples.append({name: seconds[name] - before.get(name, 0.0) for name in seconds} | {"whole step": whole})
+    cells = resolution**3
+    return {name: 1e9 * median(s.get(name, 0.0) for s in samples) / cells for name in samples[0]}
+
+
+def copy_bandwidth() -> float:
+    """Bytes read and written per second by copying 64 MiB on one thread, the best of ten [GB/s]."""
+    source = np.ones(2**24, np.float32)
+    target = np.empty_like(source)
+    times = []
+    for _ in range(10):
+        began = perf_counter()
+        np.copyto(target, source)
+        times.append(perf_counter() - began)
+    return 2 * source.nbytes / min(times) / 1e9
+
+
+def main() -> None:
+    """Runs every case."""
+    arguments = sys.argv[1:]
+    quick = "--quick" in arguments
+    console = Console()
+    rows = []
+    for collider in (False, True):
+        table = Table("ns per cell and step", title="with a sphere" if collider else "without a collider")
+        columns = []
+        for resolution in (64,) if quick else (64, 128):
+            for threads in (1, 2):
+                with console.status(f"{resolution}³, {threads} thread(s)"):
+                    figures = time_passes(resolution, threads, collider)
+                case = {"resolution": resolution, "threads": threads, "collider": collider}
+                rows.append(case | {"ns_per_cell": figures})
+                table.add_column(f"{resolution}³, {threads} thread{'s' * (threads > 1)}", justify="right")
+                columns.append(figures)
+        names = sorted((name for name in columns[0] if name != "whole step"), key=lambda name: -columns[0][name])
+        for name in [name for name in names if columns[0][name] >= 0.05] + ["whole step"]:
+            table.add_row(name, *(f"{figures.get(name, 0.0):.1f}" for figures in columns))
+        console.print(table)
+    bandwidth = copy_bandwidth()
+    console.print(f"copying memory: {bandwidth:.1f} GB/s, {8e0 / bandwidth:.2f} ns for each float read and written")
+    files = [argument for argument in arguments if not argument.startswith("-")]
+    if files:
+        facts = {"environment": environment(), "copy_gb_per_s": bandwidth, "rows": rows}
+        Path(files[0]).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
