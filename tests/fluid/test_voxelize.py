@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from pxr import Usd, UsdGeom
 from staggered import lattice_of
 
-from warp_smoke.fluid.voxelize import MeshVoxels, is_closed, share_behind_plane
+from warp_smoke.fluid.lattice_mesh import is_closed
+from warp_smoke.fluid.voxelize import MeshVoxels, share_behind_plane
 from warp_smoke.geometry import Mesh
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.record import Samples

@@ -1,17 +1,17 @@
-"""Meshes on the lattice: how much of each cell lies inside, and how fast the surface moves there.
+"""Shares of cells that lie inside a mesh, and how fast its surface moves there.
 
 Inside is where the generalised winding number is above ½ (A. Jacobson et al., 2013; G. Barill et al., 2018), so meshes
 need not be watertight. The surface through a cell is taken as the plane at its closest point, and the share of the
 cell behind a plane is exact (R. Scardovelli, S. Zaleski, 2000): volumes are second-order accurate.
 """
 
-import numpy as np
+from math import prod
+
 import warp as wp
 
-from warp_smoke.geometry import Mesh, transform_points
+from warp_smoke.fluid.lattice_mesh import LatticeMesh
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher, Rows
-from warp_smoke.record import each_value
 from warp_smoke.scene import Collider, Emitter
 
 wp.set_module_options({"enable_backward": False})
@@ -138,142 +138,43 @@ def _measure_velocity(
         k += 1
 
 
-def _weld_corners(mesh: Mesh) -> np.ndarray:
-    """The triangles with points that always lie together counted as one, [m, 3]."""
-    every = each_value(mesh.points)
-    tracks = np.moveaxis(every, 1, 0).reshape(every.shape[1], every.shape[0] * 3)
-    _, point = np.unique(tracks, axis=0, return_inverse=True)
-    return point.ravel()[mesh.triangles]
-
-
-def is_closed(mesh: Mesh) -> bool:
-    """Whether every edge is met by as many triangles in one direction as in the other, so that nothing leaks."""
-    edges = _weld_corners(mesh)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    _, edge = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
-    return not np.bincount(edge.ravel(), weights=np.sign(edges[:, 1] - edges[:, 0])).any()
-
-
-class MeshVoxels:
+class MeshVoxels(LatticeMesh):
     """One mesh in the cells of its own box, kept up to date as it moves.
 
-    A mesh that is inside out (negative volume) is turned, so inside is the same for either order of its triangles.
-
     Attributes:
-        moves: whether the mesh ever moves or deforms.
-        lower: first cell of the box (i, j, k).
-        shape: cells of the box; (0, 0, 0) before the first update, and where the mesh has no triangles or lies outside
-            the lattice: `fraction` and `velocity` then say nothing.
-        fraction: share of each cell inside, [*shape], 0 to 1.
-        velocity: u, v, w of the mesh along the lattice's axes at the cells of the box, each [*shape] [m/s]: of the
-            closest point of the surface near it, elsewhere of the motion as a whole; None if the mesh never moves.
+        fraction: share of each cell of the box inside, [*shape], 0 to 1; says nothing where the box has no cells.
+        velocity: u, v, w of the mesh along the lattice's axes at the cells of the box, each [*shape] [m/s]: where it
+            deforms, of the closest point of the surface near it, elsewhere of the motion as a whole; None if the mesh
+            never moves.
     """
 
     def __init__(self, launcher: Launcher, lattice: Lattice, prim: Emitter | Collider, label: str, margin: float = 0.0):
-        """Makes the mesh known; `update` fills the cells.
-
-        Args:
-            launcher: where it runs.
-            lattice: cells of the domain.
-            prim: has the mesh and its transform.
-            label: what its memory is counted under.
-            margin: added outside the mesh [cells].
-        """
-        self._launcher, self._lattice, self._prim = launcher, lattice, prim
-        self._label, self._margin = label, float(margin)
-        self.moves = prim.moves or prim.mesh.deforms
-        self.lower = self.shape = (0, 0, 0)
+        """Makes the mesh known; `update` fills the cells. Arguments as for `LatticeMesh`."""
+        super().__init__(launcher, lattice, prim, label, margin)
         self.fraction, self.velocity = None, None
-        self._points = self._point_velocity = None  # of the last update, [n, 3] float64 [cells], [m/s]
-        self._mesh = None
-        a, b, c = _weld_corners(prim.mesh).T
-        self._triangles = prim.mesh.triangles[(a != b) & (b != c) & (c != a)]
         # How many cells without surface in a row share one sign: through a hole in the mesh it changes anywhere.
-        self._trust = max(lattice.shape) if is_closed(prim.mesh) else 1
+        self._trust = max(lattice.shape) if self._closed else 1
         self._storage = ()  # room for fraction, and u, v, w if it moves, as large as the largest box so far
 
     def update(self, start: float, end: float, seconds: float) -> bool:
-        """Voxelises the mesh as it stands at `end`, moving as it did since `start`.
+        """Voxelises the mesh as it stands at `end`; arguments and result as for `LatticeMesh.update`."""
+        changed = super().update(start, end, seconds)
+        if changed and 0 not in self.shape:
+            self._fill()
+        return changed
 
-        Args:
-            start: time code.
-            end: time code; the mesh is at rest if it equals `start`.
-            seconds: of smoke between them [s].
-
-        Returns:
-            Whether anything changed since the last update.
-        """
-        if self._points is not None and not self.moves:
-            return False
-        points = self._points_at(end)
-        displacement = points - self._points_at(start) if self.moves and start != end else np.zeros_like(points)
-        velocity = displacement * (self._lattice.h / seconds) if displacement.any() else displacement
-        if (
-            self._points is not None
-            and np.array_equal(points, self._points)
-            and np.array_equal(velocity, self._point_velocity)
-        ):
-            return False
-        self._points, self._point_velocity = points, velocity
-        self._fit_box(points)
-        if 0 not in self.shape:
-            self._place_mesh(points, velocity)
-            self._fill(points, velocity)
-        return True
-
-    def _points_at(self, time: float) -> np.ndarray:
-        """Points in cell coordinates, [n, 3] float64."""
-        to_cells = self._prim.transform_at(time) @ self._lattice.world_to_cells()
-        return transform_points(to_cells, self._prim.mesh.points_at(time))
-
-    def _fit_box(self, points: np.ndarray) -> None:
-        """Sets the box: cells that touch the bounds of the points and the margin, inside the lattice."""
-        self.lower = self.shape = (0, 0, 0)
-        used = points[self._triangles.ravel()]
-        if not len(used):
-            return
-        limit = np.asarray(self._lattice.shape)
-        lower = np.clip(np.floor(used.min(axis=0) - self._margin), 0, limit).astype(int)
-        upper = np.clip(np.ceil(used.max(axis=0) + self._margin), 0, limit).astype(int)
-        if np.all(lower < upper):
-            self.lower, self.shape = tuple(lower.tolist()), tuple((upper - lower).tolist())
-
-    def _place_mesh(self, points: np.ndarray, velocity: np.ndarray) -> None:
-        """Puts the device's mesh where the points are; its bounding volumes are built once and then refitted."""
-        if self._mesh is not None:
-            self._mesh.points.assign(points.astype(np.float32))
-            self._mesh.velocities.assign(velocity.astype(np.float32))
-            self._mesh.refit()
-            return
-        triangles = self._triangles
-        a, b, c = (points[triangles[:, n]] - points.mean(axis=0) for n in range(3))
-        if np.einsum("ni,ni", a, np.cross(b, c)) < 0:
-            triangles = triangles[:, ::-1]
-        self._mesh = wp.Mesh(
-            self._launcher.array(points.astype(np.float32), self._label, wp.vec3),
-            self._launcher.array(np.ascontiguousarray(triangles).ravel(), self._label),
-            velocities=self._launcher.array(velocity.astype(np.float32), self._label, wp.vec3) if self.moves else None,
-            support_winding_number=True,
-        )
-
-    def _fill(self, points: np.ndarray, velocity: np.ndarray) -> None:
+    def _fill(self) -> None:
         """Queries the mesh at the cells of the box."""
-        count = int(np.prod(self.shape))
+        count = prod(self.shape)
         if not self._storage or count > self._storage[0].size:
             arrays = 4 if self.moves else 1
             self._storage = tuple(self._launcher.zeros(count, self._label) for _ in range(arrays))
         self.fraction, *views = (array[:count].reshape(self.shape) for array in self._storage)
         near = self._margin + _HALF_DIAGONAL
-        # No cell of the box is farther from the mesh than this.
-        far = float(np.linalg.norm(np.ptp(points, axis=0))) + 2.0 * self._margin + 4.0
         place = (self._mesh.id, wp.vec3i(*self.lower))
-        self._launcher.launch(_voxelize, self.shape, *place, self._margin, near, far, self._trust, self.fraction)
+        args = (self._margin, near, self._far(), self._trust, self.fraction)
+        self._launcher.launch(_voxelize, self.shape, *place, *args)
         if self.moves:
-            self._launcher.launch(_measure_velocity, self.shape, *place, near, *_fit_motion(points, velocity), *views)
+            reach = near if self._prim.mesh.deforms else 0.0
+            self._launcher.launch(_measure_velocity, self.shape, *place, reach, *self._motion(), *views)
             self.velocity = tuple(views)
-
-
-def _fit_motion(points: np.ndarray, velocity: np.ndarray) -> tuple[wp.vec3, wp.vec3, wp.mat33]:
-    """Centre of the points, their mean velocity, and its gradient by least squares: exact for rigid motion."""
-    centre, mean = points.mean(axis=0), velocity.mean(axis=0)
-    gradient, *_ = np.linalg.lstsq(points - centre, velocity - mean)
-    return wp.vec3(*centre), wp.vec3(*mean), wp.mat33(*gradient.T.ravel())

@@ -1,0 +1,153 @@
+"""Meshes on the lattice: where they stand in its cells, and how they move."""
+
+import numpy as np
+import warp as wp
+
+from warp_smoke.geometry import Mesh, transform_points
+from warp_smoke.lattice import Lattice
+from warp_smoke.launch import Launcher
+from warp_smoke.record import each_value
+from warp_smoke.scene import Collider, Emitter
+
+
+def _weld_corners(mesh: Mesh) -> np.ndarray:
+    """The triangles with points that always lie together counted as one, [m, 3]."""
+    every = each_value(mesh.points)
+    tracks = np.moveaxis(every, 1, 0).reshape(every.shape[1], every.shape[0] * 3)
+    _, point = np.unique(tracks, axis=0, return_inverse=True)
+    return point.ravel()[mesh.triangles]
+
+
+def is_closed(mesh: Mesh) -> bool:
+    """Whether every edge is met by as many triangles in one direction as in the other, so that nothing leaks."""
+    edges = _weld_corners(mesh)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    _, edge = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
+    return not np.bincount(edge.ravel(), weights=np.sign(edges[:, 1] - edges[:, 0])).any()
+
+
+class LatticeMesh:
+    """One mesh in cell coordinates, kept up to date as it moves; subclasses say what becomes of its cells.
+
+    A mesh that is inside out (negative volume) is turned, so inside is the same for either order of its triangles.
+
+    Attributes:
+        moves: whether the mesh ever moves or deforms.
+        lower: first cell of its box (i, j, k).
+        shape: cells of the box, those that the mesh or its margin touches, at least one along each axis; (0, 0, 0)
+            before the first update, and where the mesh has no triangles or lies outside the lattice.
+    """
+
+    def __init__(self, launcher: Launcher, lattice: Lattice, prim: Emitter | Collider, label: str, margin: float = 0.0):
+        """Makes the mesh known; `update` places it.
+
+        Args:
+            launcher: where it runs.
+            lattice: cells of the domain.
+            prim: has the mesh and its transform.
+            label: what its memory is counted under.
+            margin: added outside the mesh [cells].
+        """
+        self._launcher, self._lattice, self._prim = launcher, lattice, prim
+        self._label, self._margin = label, float(margin)
+        self._closed = is_closed(prim.mesh)
+        self.moves = prim.moves or prim.mesh.deforms
+        self.lower = self.shape = (0, 0, 0)
+        self._points = self._point_velocity = None  # of the last update, [n, 3] float64 [cells], [m/s]
+        self._mesh = None
+        a, b, c = _weld_corners(prim.mesh).T
+        self._triangles = prim.mesh.triangles[(a != b) & (b != c) & (c != a)]
+
+    def update(self, start: float, end: float, seconds: float) -> bool:
+        """Places the mesh as it stands at `end`, moving as it did since `start`.
+
+        Args:
+            start: time code.
+            end: time code; the mesh is at rest if it equals `start`.
+            seconds: of smoke between them [s].
+
+        Returns:
+            Whether anything changed since the last update.
+        """
+        if self._points is not None and not self.moves:
+            return False
+        points = self._points_at(end)
+        displacement = points - self._points_at(start) if self.moves and start != end else np.zeros_like(points)
+        velocity = displacement * (self._lattice.h / seconds) if displacement.any() else displacement
+        if (
+            self._points is not None
+            and np.array_equal(points, self._points)
+            and np.array_equal(velocity, self._point_velocity)
+        ):
+            return False
+        self._points, self._point_velocity = points, velocity
+        self._fit_box(points)
+        if 0 not in self.shape:
+            self._place_mesh(points, velocity)
+        return True
+
+    def travel(self, start: float, end: float) -> float:
+        """How far any point of the mesh lies from where it was, or a little more [cells]."""
+        if not self.moves or start == end or not len(self._triangles):
+            return 0.0
+        if self._prim.mesh.deforms:
+            was, now = self._points_at(start), self._points_at(end)
+        else:
+            # A linear displacement is largest at a corner of the box.
+            points = self._prim.mesh.points_at(start)
+            low, high = points.min(axis=0), points.max(axis=0)
+            corners = np.where(np.indices((2, 2, 2)).reshape(3, 8).T, high, low)
+            was, now = (transform_points(self._to_cells(time), corners) for time in (start, end))
+        return float(np.linalg.norm(now - was, axis=1).max())
+
+    def _to_cells(self, time: float) -> np.ndarray:
+        """Local space to cell coordinates."""
+        return self._prim.transform_at(time) @ self._lattice.world_to_cells()
+
+    def _points_at(self, time: float) -> np.ndarray:
+        """Points in cell coordinates, [n, 3] float64."""
+        return transform_points(self._to_cells(time), self._prim.mesh.points_at(time))
+
+    def _fit_box(self, points: np.ndarray) -> None:
+        self.lower = self.shape = (0, 0, 0)
+        used = points[self._triangles.ravel()]
+        if not len(used):
+            return
+        limit = np.asarray(self._lattice.shape)
+        low, high = used.min(axis=0) - self._margin, used.max(axis=0) + self._margin
+        # A mesh less than half a cell outside stands between the outermost centres and those beyond an open side.
+        if np.any(high < -0.5) or np.any(low > limit + 0.5):
+            return
+        lower = np.clip(np.floor(low), 0, limit - 1).astype(int)
+        upper = np.maximum(np.clip(np.ceil(high), 1, limit).astype(int), lower + 1)
+        self.lower, self.shape = tuple(lower.tolist()), tuple((upper - lower).tolist())
+
+    def _place_mesh(self, points: np.ndarray, velocity: np.ndarray) -> None:
+        """Puts the device's mesh where the points are; its bounding volumes are built once and then refitted."""
+        if self._mesh is not None:
+            self._mesh.points.assign(points.astype(np.float32))
+            self._mesh.velocities.assign(velocity.astype(np.float32))
+            self._mesh.refit()
+            return
+        triangles = self._triangles
+        a, b, c = (points[triangles[:, n]] - points.mean(axis=0) for n in range(3))
+        if np.einsum("ni,ni", a, np.cross(b, c)) < 0:
+            triangles = triangles[:, ::-1]
+        self._mesh = wp.Mesh(
+            self._launcher.array(points.astype(np.float32), self._label, wp.vec3),
+            self._launcher.array(np.ascontiguousarray(triangles).ravel(), self._label),
+            velocities=self._launcher.array(velocity.astype(np.float32), self._label, wp.vec3) if self.moves else None,
+            support_winding_number=True,
+        )
+
+    def _far(self) -> float:
+        """No cell of the box is farther from the mesh than this."""
+        return float(np.linalg.norm(np.ptp(self._points, axis=0))) + 2.0 * self._margin + 4.0
+
+    def _motion(self) -> tuple[wp.vec3, wp.vec3, wp.mat33]:
+        """Centre of the points, their mean velocity, and its gradient by least squares: exact for rigid motion."""
+        points, velocity = self._points, self._point_velocity
+        centre, mean = points.mean(axis=0), velocity.mean(axis=0)
+        # The normal equations: the inverse of a 3 × 3 matrix costs nothing, however many points there are.
+        offset = points - centre
+        gradient = np.linalg.pinv(offset.T @ offset, rcond=1e-10, hermitian=True) @ (offset.T @ (velocity - mean))
+        return wp.vec3(*centre), wp.vec3(*mean), wp.mat33(*gradient.T.ravel())
