@@ -3,7 +3,7 @@
 R. Fedkiw, J. Stam, H. W. Jensen, *Visual Simulation of Smoke*, 2001, eqs. 9–11: f = ε h (N × ω), N = ∇|ω| / |∇|ω||.
 """
 
-from math import sqrt
+from math import hypot, sqrt
 
 import warp as wp
 
@@ -161,10 +161,9 @@ def capped_scale(work: float, square: float, cap: float) -> float:
     if work + square <= cap:
         return 1.0
     # The positive root of B s² + A s − cap, in the form that does not cancel.
-    root = sqrt(work * work + 4.0 * square * cap)
-    if work > 0.0:
-        return 2.0 * cap / (work + root)
-    return (root - work) / (2.0 * square)
+    root = hypot(work, 2.0 * sqrt(square) * sqrt(cap))
+    scale = 2.0 * cap / (work + root) if work > 0.0 else (root - work) / (2.0 * square)
+    return min(scale, 1.0)
 
 
 class VorticityConfinement:
