@@ -28,8 +28,8 @@ _SHORT = wp.constant(0.999)
 
 
 @wp.kernel
-def _mark_crowded(rows: Rows, fluid: wp.array3d[float], crowded_out: wp.array3d[float]):
-    """Dilation: crowded = 1 where any of the 27 cells around is solid, else 0."""
+def _mark_crowded(rows: Rows, fluid: wp.array3d[float], held: wp.array3d[float], crowded_out: wp.array3d[float]):
+    """Dilation: crowded = 1 where any of the 27 cells around is solid, or was so in the last step, else 0."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
@@ -41,7 +41,7 @@ def _mark_crowded(rows: Rows, fluid: wp.array3d[float], crowded_out: wp.array3d[
             y = j + (n // 3) % 3 - 1
             z = k + n % 3 - 1
             if x >= 0 and y >= 0 and z >= 0 and x < fluid.shape[0] and y < fluid.shape[1] and z < fluid.shape[2]:
-                solid = wp.max(solid, 1.0 - fluid[x, y, z])
+                solid = wp.max(solid, 1.0 - fluid[x, y, z] * held[x, y, z])
         crowded_out[i, j, k] = solid
         k += 1
 
@@ -298,18 +298,21 @@ class SolidBoundary:
         self._near.fluid, self._near.near = solids.fluid, launcher.zeros(shape, "colliders")
         self._moves = solids.velocity is not None
         self._near.held = launcher.zeros(shape, "colliders") if self._moves else solids.fluid
-        self._changes = 0
+        self._changes, self._settled = 0, False
 
     def move(self, start: float, end: float, seconds: float) -> None:
         """Moves the solids to where they stand at `end`; arguments as for `Solids.update`."""
+        solids, held = self._solids, self._near.held
         if self._moves:
-            wp.copy(self._near.held, self._solids.fluid)
-        self._solids.update(start, end, seconds)
-        if self._solids.changes != self._changes:
-            self._launcher.launch(_mark_crowded, self._crowded.shape, self._solids.fluid, self._crowded)
-            if self._changes == 0 and self._moves:
-                wp.copy(self._near.held, self._solids.fluid)
-            self._changes = self._solids.changes
+            wp.copy(held, solids.fluid)
+        solids.update(start, end, seconds)
+        changed, first = solids.changes != self._changes, self._changes == 0
+        if first and self._moves:
+            wp.copy(held, solids.fluid)
+        # Once more in the step after a move: what was solid before it has smoke by then.
+        if changed or not self._settled:
+            self._launcher.launch(_mark_crowded, solids.fluid.shape, solids.fluid, held, self._crowded)
+        self._changes, self._settled = solids.changes, not changed
 
     def empty(self, field: wp.array, ambient: float) -> None:
         """Makes a field of the cells ambient in solids."""
