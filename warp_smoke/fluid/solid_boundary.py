@@ -1,8 +1,8 @@
 """Advection beside solids: traces end on them, and only smoke on the near side of a solid is sampled.
 
 Traces follow the cells that their straight line crosses (J. Amanatides, A. Woo, *A Fast Voxel Traversal Algorithm for
-Ray Tracing*, 1987). Where one of the eight cells around a trace's end is solid, the others count if they share faces
-with the cell of the end, directly or through one another: so walls one cell thick do not leak, diagonal ones included.
+Ray Tracing*, 1987) up to the first closed face. Of the eight cells around a trace's end those count that are connected
+with the cell of the end through open faces: so no wall leaks, however thin, diagonal ones included.
 """
 
 import warp as wp
@@ -13,42 +13,82 @@ from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
 
-
-@wp.struct
-class NearSolids:
-    """Cells beside solids, as kernels see them: fluid and held are 1 in cells of fluid now and in the last step."""
-
-    fluid: wp.array3d[float]
-    held: wp.array3d[float]
-    near: wp.array3d[float]
-
-
-# Traces end a little before a solid's face, so that round-off does not put them behind it.
+# Traces end a little before a closed face, so that round-off does not put them behind it.
 _SHORT = wp.constant(0.999)
 
 
+@wp.struct
+class SolidCells:
+    """Cells and faces as kernels see them.
+
+    fluid and held are 1 in cells of fluid now and in the last step; wx, wy, wz are the open shares of faces; crowded is
+    1 where a closed face or a cell that holds no smoke is among the cell and its neighbours; near is 1 where a trace
+    ends in a crowded cell.
+    """
+
+    fluid: wp.array3d[float]
+    held: wp.array3d[float]
+    wx: wp.array3d[float]
+    wy: wp.array3d[float]
+    wz: wp.array3d[float]
+    crowded: wp.array3d[float]
+    near: wp.array3d[float]
+
+
+@wp.func
+def _is_wall(share: float, fluid_a: float, fluid_b: float):
+    """1 for a closed face between two cells of fluid, else 0."""
+    return wp.where(share == 0.0, fluid_a * fluid_b, 0.0)
+
+
 @wp.kernel
-def _mark_crowded(rows: Rows, fluid: wp.array3d[float], held: wp.array3d[float], crowded_out: wp.array3d[float]):
-    """Dilation: crowded = 1 where any of the 27 cells around is solid, or was so in the last step, else 0."""
+def _mark_obstructed(rows: Rows, solids: SolidCells, obstructed_out: wp.array3d[float]):
+    """Mark: obstructed = 1 in cells that are solid or were so in the last step, or have a wall on a face; else 0."""
     i, j, c = wp.tid()
     i += rows.first
+    fluid = solids.fluid
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, fluid.shape[2])
     while k < end:
-        solid = wp.float32(0.0)
-        for n in range(27):
-            x = i + n // 9 - 1
-            y = j + (n // 3) % 3 - 1
-            z = k + n % 3 - 1
-            if x >= 0 and y >= 0 and z >= 0 and x < fluid.shape[0] and y < fluid.shape[1] and z < fluid.shape[2]:
-                solid = wp.max(solid, 1.0 - fluid[x, y, z] * held[x, y, z])
-        crowded_out[i, j, k] = solid
+        here = fluid[i, j, k]
+        mark = 1.0 - here * solids.held[i, j, k]
+        if i > 0:
+            mark = wp.max(mark, _is_wall(solids.wx[i, j, k], fluid[i - 1, j, k], here))
+        if i + 1 < fluid.shape[0]:
+            mark = wp.max(mark, _is_wall(solids.wx[i + 1, j, k], here, fluid[i + 1, j, k]))
+        if j > 0:
+            mark = wp.max(mark, _is_wall(solids.wy[i, j, k], fluid[i, j - 1, k], here))
+        if j + 1 < fluid.shape[1]:
+            mark = wp.max(mark, _is_wall(solids.wy[i, j + 1, k], here, fluid[i, j + 1, k]))
+        if k > 0:
+            mark = wp.max(mark, _is_wall(solids.wz[i, j, k], fluid[i, j, k - 1], here))
+        if k + 1 < fluid.shape[2]:
+            mark = wp.max(mark, _is_wall(solids.wz[i, j, k + 1], here, fluid[i, j, k + 1]))
+        obstructed_out[i, j, k] = mark
+        k += 1
+
+
+@wp.kernel
+def _spread(rows: Rows, unit: wp.vec3i, a: wp.array3d[float], a_out: wp.array3d[float]):
+    """Dilation: a_out(x) = max of a(x − unit), a(x), a(x + unit)."""
+    i, j, c = wp.tid()
+    i += rows.first
+    i0 = wp.max(i - unit[0], 0)
+    j0 = wp.max(j - unit[1], 0)
+    i1 = wp.min(i + unit[0], a.shape[0] - 1)
+    j1 = wp.min(j + unit[1], a.shape[1] - 1)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, a.shape[2])
+    while k < end:
+        k0 = wp.max(k - unit[2], 0)
+        k1 = wp.min(k + unit[2], a.shape[2] - 1)
+        a_out[i, j, k] = wp.max(a[i, j, k], wp.max(a[i0, j0, k0], a[i1, j1, k1]))
         k += 1
 
 
 @wp.func
-def _way_to_solid(fluid: wp.array3d[float], i: int, j: int, k: int, x: float, y: float, z: float):
-    """Share of the way from the centre of a cell along (x, y, z) to the first solid cell; 1 if there is none."""
+def _way_to_solid(solids: SolidCells, i: int, j: int, k: int, x: float, y: float, z: float):
+    """Share of the way from the centre of a cell along (x, y, z) to the first closed face; 1 if there is none."""
     step_x = 1.0 / wp.abs(x)  # infinite along axes that are not crossed
     step_y = 1.0 / wp.abs(y)
     step_z = 1.0 / wp.abs(z)
@@ -58,18 +98,26 @@ def _way_to_solid(fluid: wp.array3d[float], i: int, j: int, k: int, x: float, y:
     way = wp.min(next_x, wp.min(next_y, next_z))
     result = wp.float32(1.0)
     while way < 1.0:
+        share = wp.float32(0.0)
         if next_x == way:
-            i += wp.where(x > 0.0, 1, -1)
+            upwards = wp.where(x > 0.0, 1, 0)
+            share = solids.wx[i + upwards, j, k]
+            i += 2 * upwards - 1
             next_x += step_x
         elif next_y == way:
-            j += wp.where(y > 0.0, 1, -1)
+            upwards = wp.where(y > 0.0, 1, 0)
+            share = solids.wy[i, j + upwards, k]
+            j += 2 * upwards - 1
             next_y += step_y
         else:
-            k += wp.where(z > 0.0, 1, -1)
+            upwards = wp.where(z > 0.0, 1, 0)
+            share = solids.wz[i, j, k + upwards]
+            k += 2 * upwards - 1
             next_z += step_z
+        fluid = solids.fluid
         if i < 0 or j < 0 or k < 0 or i >= fluid.shape[0] or j >= fluid.shape[1] or k >= fluid.shape[2]:
-            break
-        if fluid[i, j, k] == 0.0:
+            break  # traces are kept within the domain already
+        if share == 0.0:
             result = way
             break
         way = wp.min(next_x, wp.min(next_y, next_z))
@@ -79,25 +127,24 @@ def _way_to_solid(fluid: wp.array3d[float], i: int, j: int, k: int, x: float, y:
 @wp.kernel
 def _stop_at_solids(
     rows: Rows,
-    fluid: wp.array3d[float],
-    crowded: wp.array3d[float],
+    solids: SolidCells,
     dx_inout: wp.array3d[float],
     dy_inout: wp.array3d[float],
     dz_inout: wp.array3d[float],
 ):
-    """Shortening: d ends where it first meets a solid."""
+    """Shortening: d ends where it first meets a closed face."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, fluid.shape[2])
+    end = wp.min(k + rows.run, dx_inout.shape[2])
     while k < end:
         x = dx_inout[i, j, k]
         y = dy_inout[i, j, k]
         z = dz_inout[i, j, k]
         far = wp.max(wp.abs(x), wp.max(wp.abs(y), wp.abs(z)))
-        # A short way crosses none but the cell's neighbours.
-        if (far > 1.5 or (far > 0.5 and crowded[i, j, k] > 0.0)) and fluid[i, j, k] > 0.0:
-            way = _way_to_solid(fluid, i, j, k, x, y, z)
+        # A short way crosses no faces but those of the cell and its neighbours.
+        if (far > 1.5 or (far > 0.5 and solids.crowded[i, j, k] > 0.0)) and solids.fluid[i, j, k] > 0.0:
+            way = _way_to_solid(solids, i, j, k, x, y, z)
             if way < 1.0:
                 dx_inout[i, j, k] = _SHORT * way * x
                 dy_inout[i, j, k] = _SHORT * way * y
@@ -127,7 +174,7 @@ def _mark_near(
     ez: wp.array3d[float],
     near_out: wp.array3d[float],
 ):
-    """Nearness: near = 1 if x + d or x + e lies in a crowded cell, else 0."""
+    """Mark: near = 1 if x + d or x + e lies in a crowded cell, else 0."""
     i, j, c = wp.tid()
     i += rows.first
     bx = dense(dx)
@@ -149,31 +196,49 @@ def _mark_near(
         k += 1
 
 
+# Eight cells from (i, j, k) on are corners numbered in binary, x y z; a set of them is an integer with a bit for each.
+
+
 @wp.func
-def _corner(a: wp.array3d[float], i: int, j: int, k: int, n: int):
-    """Sample n of the eight from (i, j, k) on, numbered in binary; the last one stands for those outside."""
-    x = wp.min(i + n // 4, a.shape[0] - 1)
-    y = wp.min(j + (n // 2) % 2, a.shape[1] - 1)
-    z = wp.min(k + n % 2, a.shape[2] - 1)
+def _corner(a: wp.array3d[float], i: int, j: int, k: int, corner: int):
+    """The value of a in a corner; in a lattice one cell thick both corners are that cell."""
+    x = wp.min(i + corner // 4, a.shape[0] - 1)
+    y = wp.min(j + (corner // 2) % 2, a.shape[1] - 1)
+    z = wp.min(k + corner % 2, a.shape[2] - 1)
     return a[x, y, z]
 
 
 @wp.func
-def _connected(open: int, start: int):
-    """Which of eight corners can be reached from some of them across faces, through open ones; a bit for each."""
-    reached = open & start
-    for _ in range(3):
-        along_z = ((reached & 0x55) << 1) | ((reached & 0xAA) >> 1)
-        along_y = ((reached & 0x33) << 2) | ((reached & 0xCC) >> 2)
-        along_x = ((reached & 0x0F) << 4) | ((reached & 0xF0) >> 4)
-        reached = reached | (open & (along_x | along_y | along_z))
+def _connected(solids: SolidCells, i: int, j: int, k: int, start: int):
+    """The set of corners that can be reached from a corner through open faces."""
+    # Bit n of these: the face between corner n and the one after it along the axis is open.
+    along_x = wp.int32(0)
+    along_y = wp.int32(0)
+    along_z = wp.int32(0)
+    i1 = wp.min(i + 1, solids.fluid.shape[0] - 1)
+    j1 = wp.min(j + 1, solids.fluid.shape[1] - 1)
+    k1 = wp.min(k + 1, solids.fluid.shape[2] - 1)
+    for a in range(2):
+        for b in range(2):
+            if solids.wx[i + 1, wp.where(a == 1, j1, j), wp.where(b == 1, k1, k)] > 0.0:
+                along_x = along_x | (1 << (2 * a + b))
+            if solids.wy[wp.where(a == 1, i1, i), j + 1, wp.where(b == 1, k1, k)] > 0.0:
+                along_y = along_y | (1 << (4 * a + b))
+            if solids.wz[wp.where(a == 1, i1, i), wp.where(b == 1, j1, j), k + 1] > 0.0:
+                along_z = along_z | (1 << (4 * a + 2 * b))
+    reached = 1 << start
+    for _ in range(7):  # the longest way meets every corner once
+        by_x = ((reached & along_x) << 4) | ((reached >> 4) & along_x)
+        by_y = ((reached & along_y) << 2) | ((reached >> 2) & along_y)
+        by_z = ((reached & along_z) << 1) | ((reached >> 1) & along_z)
+        reached = reached | by_x | by_y | by_z
     return reached
 
 
 @wp.kernel
 def _sample_near_solids(
     rows: Rows,
-    solids: NearSolids,
+    solids: SolidCells,
     dx: wp.array3d[float],
     dy: wp.array3d[float],
     dz: wp.array3d[float],
@@ -209,12 +274,8 @@ def _sample_near_solids(
             fx = cx - float(ci)
             fy = cy - float(cj)
             fz = cz - float(ck)
-            open = wp.int32(0)
-            for corner in range(8):
-                if _corner(fluid, ci, cj, ck, corner) > 0.0:
-                    open = open | (1 << corner)
             nearest = 4 * int(fx + 0.5) + 2 * int(fy + 0.5) + int(fz + 0.5)
-            reached = _connected(open, 1 << nearest)
+            reached = _connected(solids, ci, cj, ck, nearest)
             total = wp.float32(0.0)
             weights = wp.float32(0.0)
             for corner in range(8):
@@ -292,27 +353,35 @@ class SolidBoundary:
             solids: the colliders on the lattice.
         """
         self._launcher, self._solids = launcher, solids
-        shape = solids.fluid.shape
-        self._crowded = launcher.zeros(shape, "colliders")
-        self._near = NearSolids()
-        self._near.fluid, self._near.near = solids.fluid, launcher.zeros(shape, "colliders")
         self._moves = solids.velocity is not None
-        self._near.held = launcher.zeros(shape, "colliders") if self._moves else solids.fluid
+        shape = solids.fluid.shape
+        self._crowded, self._near, self._spare = (launcher.zeros(shape, "colliders") for _ in range(3))
+        self._held = launcher.zeros(shape, "colliders") if self._moves else solids.fluid
+        cells = self._cells = SolidCells()
+        cells.fluid, cells.held, cells.crowded, cells.near = solids.fluid, self._held, self._crowded, self._near
+        cells.wx, cells.wy, cells.wz = solids.wx, solids.wy, solids.wz
         self._changes, self._settled = 0, False
 
     def move(self, start: float, end: float, seconds: float) -> None:
         """Moves the solids to where they stand at `end`; arguments as for `Solids.update`."""
-        solids, held = self._solids, self._near.held
+        solids = self._solids
         if self._moves:
-            wp.copy(held, solids.fluid)
+            wp.copy(self._held, solids.fluid)
         solids.update(start, end, seconds)
-        changed, first = solids.changes != self._changes, self._changes == 0
-        if first and self._moves:
-            wp.copy(held, solids.fluid)
-        # Once more in the step after a move: what was solid before it has smoke by then.
+        if self._changes == 0 and self._moves:
+            wp.copy(self._held, solids.fluid)
+        changed = solids.changes != self._changes
+        # Once more in the step after a move: what was solid before it holds smoke by then.
         if changed or not self._settled:
-            self._launcher.launch(_mark_crowded, solids.fluid.shape, solids.fluid, held, self._crowded)
+            self._mark_crowded()
         self._changes, self._settled = solids.changes, not changed
+
+    def _mark_crowded(self) -> None:
+        shape, (x, y, z) = self._crowded.shape, (wp.vec3i(1, 0, 0), wp.vec3i(0, 1, 0), wp.vec3i(0, 0, 1))
+        self._launcher.launch(_mark_obstructed, shape, self._cells, self._spare)
+        self._launcher.launch(_spread, shape, x, self._spare, self._crowded)
+        self._launcher.launch(_spread, shape, y, self._crowded, self._spare)
+        self._launcher.launch(_spread, shape, z, self._spare, self._crowded)
 
     def empty(self, field: wp.array, ambient: float) -> None:
         """Makes a field of the cells ambient in solids."""
@@ -336,9 +405,8 @@ class SolidBoundary:
             back: displacement backwards along x, y, z, each [nx, ny, nz] [cells], shortened.
             ahead: displacement forwards, likewise [cells].
         """
-        fluid, crowded, near = self._solids.fluid, self._crowded, self._near.near
-        self._launcher.launch(_stop_at_solids, fluid.shape, fluid, crowded, *back)
-        self._launcher.launch(_mark_near, fluid.shape, crowded, *back, *ahead, near)
+        self._launcher.launch(_stop_at_solids, self._near.shape, self._cells, *back)
+        self._launcher.launch(_mark_near, self._near.shape, self._crowded, *back, *ahead, self._near)
 
     def sample(self, back: list, field: wp.array, limits: tuple, ambient: float, results: tuple) -> None:
         """Samples a field of the cells again where solids are near, and makes it ambient in solids.
@@ -350,5 +418,5 @@ class SolidBoundary:
             ambient: value of the field outside.
             results: three arrays [nx, ny, nz] that all take the value where solids are near; may be the same.
         """
-        args = (self._near, *back, field, *limits, ambient, *results)
+        args = (self._cells, *back, field, *limits, ambient, *results)
         self._launcher.launch(_sample_near_solids, field.shape, *args)
