@@ -152,8 +152,8 @@ class SmokeSolver:
         self._place_colliders(start, end, dt)
         self._emit(start, end, dt)
         if self._flows:
+            confinement = self._confine_vorticity(dt)  # before buoyancy moves faces of solids: its cap counts them
             self._add_buoyancy(dt)
-            confinement = self._confine_vorticity(dt)
             pressure = self._project_pressure()
             courant, speed = self._advect(dt)
             report = StepReport(1, courant, speed, [pressure], confinement)
@@ -206,6 +206,13 @@ class SmokeSolver:
                     with self._timings.measure("emit_velocity"):
                         source.emit_velocity(interval, state.velocity)
 
+    def _confine_vorticity(self, dt: float) -> float:
+        """Returns the share of the confinement that its cap let through."""
+        if not self._has("confine_vorticity"):
+            return 1.0
+        with self._timings.measure("confine_vorticity"):
+            return self._confinement.add(self.state.velocity, self._domain.vorticity, dt, self.state.energy_lost)
+
     def _add_buoyancy(self, dt: float) -> None:
         if not self._has("add_buoyancy"):
             return
@@ -216,13 +223,6 @@ class SmokeSolver:
             if domain.buoyancy_temperature and state.temperature is not None:
                 strength = domain.buoyancy_temperature * dt
                 self._buoyancy.add(state.temperature, domain.ambient_temperature, strength, state.velocity)
-
-    def _confine_vorticity(self, dt: float) -> float:
-        """Returns the share of the confinement that its cap let through."""
-        if not self._has("confine_vorticity"):
-            return 1.0
-        with self._timings.measure("confine_vorticity"):
-            return self._confinement.add(self.state.velocity, self._domain.vorticity, dt, self.state.energy_lost)
 
     def _project_pressure(self) -> PressureStatus:
         launcher, sides, divergence = self._launcher, self._lattice.sides, self._divergence
