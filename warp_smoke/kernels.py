@@ -6,7 +6,7 @@ from warp_smoke.plan import Plan
 
 # Module of kernels by the pass that launches them, and by pass and method where that decides.
 _FLUID = {
-    "voxelize_colliders": ("fluid.voxelize", "fluid.colliders"),
+    "voxelize_colliders": ("fluid.voxelize", "fluid.walls", "fluid.colliders"),
     "emit_density": ("fluid.voxelize", "fluid.emitters"),
     "add_buoyancy": ("fluid.forces",),
     "confine_vorticity": ("fluid.forces", "fluid.vorticity"),

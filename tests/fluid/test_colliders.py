@@ -6,7 +6,7 @@ from staggered import CLOSED, MIXED, OPEN, lattice_of, no_velocity, open_shares,
 
 from warp_smoke.fluid.colliders import Solids
 from warp_smoke.fluid.operators import measure_fluid_divergence, subtract_fluid_gradient
-from warp_smoke.fluid.pressure.conjugate_gradient import ConjugateGradientPressure
+from warp_smoke.fluid.pressure import PRESSURE_SOLVERS, PressureProblem
 from warp_smoke.geometry import Mesh
 from warp_smoke.launch import Launcher
 from warp_smoke.record import Samples
@@ -39,8 +39,8 @@ def project(launcher, lattice, solids, velocity, tolerance=1e-6):
     solids.apply(velocity)
     divergence, pressure = launcher.zeros(lattice.shape, "test"), launcher.zeros(lattice.shape, "test")
     measure_fluid_divergence(launcher, velocity, solids, divergence)
-    solver = ConjugateGradientPressure(launcher, lattice.shape, lattice.sides, solids, tolerance, 200)
-    status = solver.solve(divergence, pressure)
+    problem = PressureProblem(shape=lattice.shape, sides=lattice.sides, solids=solids, tolerance=tolerance)
+    status = PRESSURE_SOLVERS["conjugate_gradient"](launcher, problem).solve(divergence, pressure)
     subtract_fluid_gradient(launcher, pressure, lattice.sides, solids, velocity)
     measure_fluid_divergence(launcher, velocity, solids, divergence)
     return status, divergence.numpy()
@@ -105,9 +105,9 @@ def test_only_what_moves_is_voxelised_again(launcher):
     """A static collider beside a moving one is not queried again, and stays where it is."""
     lattice = lattice_of((12, 6, 6))
     solids = solids_of(launcher, lattice, [box((1, 1, 1), (3, 3, 3)), box((4, 1, 1), (6, 3, 3), "/b", moving(1, 0, 0))])
-    before = launcher.launches["_voxelize"]
+    before = launcher.launches["_fill_inside"]
     solids.update(0.0, 3.0, 0.1)
-    assert launcher.launches["_voxelize"] == before + 1
+    assert launcher.launches["_fill_inside"] == before + 1
     expected = np.ones(lattice.shape)
     expected[1:3, 1:3, 1:3] = 0.0
     expected[7:9, 1:3, 1:3] = 0.0
@@ -144,12 +144,12 @@ def test_apply_sets_closed_faces_alone(launcher, sides):
 
 
 def test_moving_solid_wins_over_static(launcher):
-    """Where solids overlap, the one that moves wins, whatever their order; between two solids faces take the mean."""
+    """Where solids overlap or touch, the faces of the one that moves have its velocity, whatever their order."""
     lattice = lattice_of((8, 6, 6))
     for order in (slice(None), slice(None, None, -1)):
         colliders = [box((2, 2, 2), (5, 4, 4)), box((3, 2, 2), (6, 4, 4), "/moving", moving(0.1, 0, 0))][order]
         solids = solids_of(launcher, lattice, colliders, 0.0, 0.1, 0.01)
-        np.testing.assert_allclose(solids.velocity[0].numpy()[2:7, 3, 3], [0, 0.5, 1, 1, 1], atol=1e-4)
+        np.testing.assert_allclose(solids.velocity[0].numpy()[2:7, 3, 3], [0, 1, 1, 1, 1], atol=1e-4)
 
 
 def test_flow_follows_a_piston(launcher):
@@ -163,7 +163,8 @@ def test_flow_follows_a_piston(launcher):
     assert status.converged
     np.testing.assert_allclose(velocity[0].numpy(), speed, rtol=1e-5)
     for across in velocity[1:]:
-        np.testing.assert_allclose(across.numpy(), 0.0, atol=1e-6 * speed)
+        # The pressure is up to 10 cells times the speed, and rounded to 2⁻²⁴ of that.
+        np.testing.assert_allclose(across.numpy(), 0.0, atol=5e-6 * speed)
     assert np.abs(divergence).max() <= 1e-5 * speed
 
 

@@ -1,14 +1,11 @@
 """Meshes in cells: shares of cells behind planes, volumes and their order, holes, motion, nothing done twice."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import warp as wp
-import warp.examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pxr import Usd, UsdGeom
+from real_meshes import asset
 from staggered import lattice_of
 
 from warp_smoke.fluid.lattice_mesh import is_closed
@@ -56,20 +53,6 @@ def volume_of(mesh):
     """Volume by the divergence theorem, float64."""
     a, b, c = (mesh.points[mesh.triangles[:, n]].astype(np.float64) for n in range(3))
     return np.einsum("ni,ni", a, np.cross(b, c)) / 6.0
-
-
-def asset(name):
-    """A mesh that comes with Warp, centred, the longest side 1.7."""
-    stage = Usd.Stage.Open(str(Path(warp.examples.get_asset_directory()) / f"{name}.usd"))
-    mesh = UsdGeom.Mesh(next(prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)))
-    points = np.array(mesh.GetPointsAttr().Get(), np.float64)
-    corners = np.array(mesh.GetFaceVertexIndicesAttr().Get())
-    triangles, first = [], 0
-    for count in mesh.GetFaceVertexCountsAttr().Get():
-        triangles += [[corners[first], corners[first + n], corners[first + n + 1]] for n in range(1, count - 1)]
-        first += count
-    points -= (points.max(axis=0) + points.min(axis=0)) / 2
-    return Mesh(1.7 * points / np.ptp(points, axis=0).max(), np.array(triangles))
 
 
 def cube_of(cells):

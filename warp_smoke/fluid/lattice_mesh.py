@@ -56,6 +56,7 @@ class LatticeMesh:
         self._mesh = None
         a, b, c = _weld_corners(prim.mesh).T
         self._triangles = prim.mesh.triangles[(a != b) & (b != c) & (c != a)]
+        self._used = np.unique(self._triangles)
 
     def update(self, start: float, end: float, seconds: float) -> bool:
         """Places the mesh as it stands at `end`, moving as it did since `start`.
@@ -80,8 +81,8 @@ class LatticeMesh:
         ):
             return False
         self._points, self._point_velocity = points, velocity
-        self._fit_box(points)
-        if 0 not in self.shape:
+        if len(self._triangles):
+            self._fit_box(points[self._used])
             self._place_mesh(points, velocity)
         return True
 
@@ -108,18 +109,14 @@ class LatticeMesh:
         return transform_points(self._to_cells(time), self._prim.mesh.points_at(time))
 
     def _fit_box(self, points: np.ndarray) -> None:
-        self.lower = self.shape = (0, 0, 0)
-        used = points[self._triangles.ravel()]
-        if not len(used):
-            return
         limit = np.asarray(self._lattice.shape)
-        low, high = used.min(axis=0) - self._margin, used.max(axis=0) + self._margin
+        low, high = points.min(axis=0) - self._margin, points.max(axis=0) + self._margin
+        self.lower = self.shape = (0, 0, 0)
         # A mesh less than half a cell outside stands between the outermost centres and those beyond an open side.
-        if np.any(high < -0.5) or np.any(low > limit + 0.5):
-            return
-        lower = np.clip(np.floor(low), 0, limit - 1).astype(int)
-        upper = np.maximum(np.clip(np.ceil(high), 1, limit).astype(int), lower + 1)
-        self.lower, self.shape = tuple(lower.tolist()), tuple((upper - lower).tolist())
+        if np.all(high >= -0.5) and np.all(low <= limit + 0.5):
+            lower = np.clip(np.floor(low), 0, limit - 1).astype(int)
+            upper = np.maximum(np.clip(np.ceil(high), 1, limit).astype(int), lower + 1)
+            self.lower, self.shape = tuple(lower.tolist()), tuple((upper - lower).tolist())
 
     def _place_mesh(self, points: np.ndarray, velocity: np.ndarray) -> None:
         """Puts the device's mesh where the points are; its bounding volumes are built once and then refitted."""
@@ -143,11 +140,14 @@ class LatticeMesh:
         """No cell of the box is farther from the mesh than this."""
         return float(np.linalg.norm(np.ptp(self._points, axis=0))) + 2.0 * self._margin + 4.0
 
-    def _motion(self) -> tuple[wp.vec3, wp.vec3, wp.mat33]:
-        """Centre of the points, their mean velocity, and its gradient by least squares: exact for rigid motion."""
+    def _motion(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The motion as a whole: centre c of the points, their mean velocity, and its gradient G by least squares.
+
+        The velocity at x is mean + G (x − c): exact for rigid motion.
+        """
         points, velocity = self._points, self._point_velocity
         centre, mean = points.mean(axis=0), velocity.mean(axis=0)
         # The normal equations: the inverse of a 3 × 3 matrix costs nothing, however many points there are.
         offset = points - centre
         gradient = np.linalg.pinv(offset.T @ offset, rcond=1e-10, hermitian=True) @ (offset.T @ (velocity - mean))
-        return wp.vec3(*centre), wp.vec3(*mean), wp.mat33(*gradient.T.ravel())
+        return centre, mean, gradient.T
