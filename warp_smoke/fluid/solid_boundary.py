@@ -36,9 +36,11 @@ class SolidCells:
 
 
 @wp.func
-def _is_wall(share: float, fluid_a: float, fluid_b: float):
-    """1 for a closed face between two cells of fluid, else 0."""
-    return wp.where(share == 0.0, fluid_a * fluid_b, 0.0)
+def _wall(share: wp.array3d[float], fluid: wp.array3d[float], i: int, j: int, k: int, di: int, dj: int, dk: int):
+    """1 for a closed face between cells of fluid, on the lower side of cell (i, j, k) along an axis; else 0."""
+    inside = wp.where(wp.min(i - di, wp.min(j - dj, k - dk)) >= 0, 1.0, 0.0)
+    before = fluid[wp.max(i - di, 0), wp.max(j - dj, 0), wp.max(k - dk, 0)]
+    return inside * before * fluid[i, j, k] * wp.where(share[i, j, k] > 0.0, 0.0, 1.0)
 
 
 @wp.kernel
@@ -46,25 +48,24 @@ def _mark_obstructed(rows: Rows, solids: SolidCells, obstructed_out: wp.array3d[
     """Mark: obstructed = 1 in cells that are solid or were so in the last step, or have a wall on a face; else 0."""
     i, j, c = wp.tid()
     i += rows.first
-    fluid = solids.fluid
+    fluid = dense(solids.fluid)
+    held = dense(solids.held)
+    wx = dense(solids.wx)
+    wy = dense(solids.wy)
+    wz = dense(solids.wz)
+    obstructed = dense_store(obstructed_out)
+    i1 = wp.min(i + 1, fluid.shape[0] - 1)
+    j1 = wp.min(j + 1, fluid.shape[1] - 1)
     k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, fluid.shape[2])
+    end = wp.min(k + rows.run, obstructed_out.shape[2])
     while k < end:
-        here = fluid[i, j, k]
-        mark = 1.0 - here * solids.held[i, j, k]
-        if i > 0:
-            mark = wp.max(mark, _is_wall(solids.wx[i, j, k], fluid[i - 1, j, k], here))
-        if i + 1 < fluid.shape[0]:
-            mark = wp.max(mark, _is_wall(solids.wx[i + 1, j, k], here, fluid[i + 1, j, k]))
-        if j > 0:
-            mark = wp.max(mark, _is_wall(solids.wy[i, j, k], fluid[i, j - 1, k], here))
-        if j + 1 < fluid.shape[1]:
-            mark = wp.max(mark, _is_wall(solids.wy[i, j + 1, k], here, fluid[i, j + 1, k]))
-        if k > 0:
-            mark = wp.max(mark, _is_wall(solids.wz[i, j, k], fluid[i, j, k - 1], here))
-        if k + 1 < fluid.shape[2]:
-            mark = wp.max(mark, _is_wall(solids.wz[i, j, k + 1], here, fluid[i, j, k + 1]))
-        obstructed_out[i, j, k] = mark
+        k1 = wp.min(k + 1, obstructed_out.shape[2] - 1)
+        # On the upper sides of the domain the cell's own lower face counts twice instead.
+        x = greater(_wall(wx, fluid, i, j, k, 1, 0, 0), _wall(wx, fluid, i1, j, k, 1, 0, 0))
+        y = greater(_wall(wy, fluid, i, j, k, 0, 1, 0), _wall(wy, fluid, i, j1, k, 0, 1, 0))
+        z = greater(_wall(wz, fluid, i, j, k, 0, 0, 1), _wall(wz, fluid, i, j, k1, 0, 0, 1))
+        solid = 1.0 - fluid[i, j, k] * held[i, j, k]
+        obstructed[i, j, k] = bits(greater(solid, greater(x, greater(y, z))))
         k += 1
 
 
@@ -73,16 +74,19 @@ def _spread(rows: Rows, unit: wp.vec3i, a: wp.array3d[float], a_out: wp.array3d[
     """Dilation: a_out(x) = max of a(x − unit), a(x), a(x + unit)."""
     i, j, c = wp.tid()
     i += rows.first
+    src = dense(a)
+    out = dense_store(a_out)
     i0 = wp.max(i - unit[0], 0)
     j0 = wp.max(j - unit[1], 0)
     i1 = wp.min(i + unit[0], a.shape[0] - 1)
     j1 = wp.min(j + unit[1], a.shape[1] - 1)
+    step = unit[2]
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, a.shape[2])
     while k < end:
-        k0 = wp.max(k - unit[2], 0)
-        k1 = wp.min(k + unit[2], a.shape[2] - 1)
-        a_out[i, j, k] = wp.max(a[i, j, k], wp.max(a[i0, j0, k0], a[i1, j1, k1]))
+        k0 = wp.max(k - step, 0)
+        k1 = wp.min(k + step, a.shape[2] - 1)
+        out[i, j, k] = bits(greater(src[i, j, k], greater(src[i0, j0, k0], src[i1, j1, k1])))
         k += 1
 
 
