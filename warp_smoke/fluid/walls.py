@@ -61,37 +61,34 @@ def _cross_faces(
 ):
     """Crossing: 1 where the segment between the centres beside a face meets the surface; speed = the surface's there.
 
-    Each item is one row of faces across an axis.
+    Runs go along the axis; a ray follows each.
     """
-    row = rows.first + wp.tid()
-    width = crossed_out.shape[wp.where(axis == 2, 1, 2)]
-    a = row // width
-    b = row % width
-    count = crossed_out.shape[axis]
-    for n in range(count):
-        x = along(axis, n, a, b)
-        crossed_out[x[0], x[1], x[2]] = 0.0
+    a, b, c = wp.tid()
+    a += rows.first
+    n = wp.max(c * rows.run, 0)
+    end = wp.min(n + rows.run, crossed_out.shape[axis])
     # Face n of the row lies between the centres n and n + 1, counted from here.
-    start = to_float(lower + along(axis, 0, a, b)) + wp.vec3(0.5, 0.5, 0.5)
     direction = to_float(along(axis, 1, 0, 0))
-    start -= direction
-    n = wp.int32(0)
-    while n < count:
+    start = to_float(lower + along(axis, 0, a, b)) + wp.vec3(0.5, 0.5, 0.5) - direction
+    while n < end:
         way = float(n) - _TOLERANCE
-        query = wp.mesh_query_ray(mesh, start + way * direction, direction, float(count) + _TOLERANCE - way)
-        if not query.result:
-            break
-        way += query.t
-        face = wp.max(int(wp.floor(way - _TOLERANCE)), 0)
-        last = wp.min(wp.max(int(wp.floor(way + _TOLERANCE)), n), count - 1)
-        while face <= last:
-            x = along(axis, face, a, b)
-            crossed_out[x[0], x[1], x[2]] = 1.0
+        query = wp.mesh_query_ray(mesh, start + way * direction, direction, float(end) + _TOLERANCE - way)
+        first = end
+        last = end
+        velocity = wp.vec3(0.0, 0.0, 0.0)
+        if query.result:
+            # A surface through a centre lies between it and both of its neighbours.
+            way += query.t
+            first = wp.clamp(int(wp.floor(way - _TOLERANCE)), n, end)
+            last = wp.clamp(int(wp.floor(way + _TOLERANCE)) + 1, n + 1, end)
             if moves != 0:
                 velocity = wp.mesh_eval_velocity(mesh, query.face, query.u, query.v)
+        while n < last:
+            x = along(axis, n, a, b)
+            crossed_out[x[0], x[1], x[2]] = wp.where(n < first, 0.0, 1.0)
+            if moves != 0:
                 speed_out[x[0], x[1], x[2]] = velocity[axis]
-            face += 1
-        n = last + 1
+            n += 1
 
 
 @wp.kernel
@@ -100,6 +97,7 @@ def _fill_inside(
     mesh: wp.uint64,
     lower: wp.vec3i,
     far: float,
+    below: int,
     crossed_x: wp.array3d[float],
     crossed_y: wp.array3d[float],
     crossed_z: wp.array3d[float],
@@ -107,16 +105,18 @@ def _fill_inside(
 ):
     """Filling: inside = 1 where the centre of a cell is inside a closed mesh or on it.
 
-    Each item is one row: from cell to cell through a face that is not crossed, the sign stays. The first cell
-    is outside, unless the surface may lie before it, up to `far` away.
+    From cell to cell through a face that is not crossed, the sign stays. It is asked for at the start of a run, `far`
+    away at most; but if the mesh does not reach below the box, rows start outside.
     """
-    row = rows.first + wp.tid()
-    i = row // inside_out.shape[1]
-    j = row % inside_out.shape[1]
+    i, j, c = wp.tid()
+    i += rows.first
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, inside_out.shape[2])
     inside = wp.float32(0.0)
     on_surface = wp.bool(False)
-    for k in range(inside_out.shape[2]):
-        reach = wp.where(k == 0, far, 0.0)
+    k = start
+    while k < end:
+        reach = wp.where(k == start and (k > 0 or below != 0), far, 0.0)
         # Where the surface runs along the row through the centres, it crosses the faces on both sides.
         flanked_x = crossed_x[i, j, k] * crossed_x[i + 1, j, k]
         flanked_y = crossed_y[i, j, k] * crossed_y[i, j + 1, k]
@@ -131,6 +131,7 @@ def _fill_inside(
                 offset = centre - wp.mesh_eval_position(mesh, query.face, query.u, query.v)
                 on_surface = wp.length(offset) < _TOLERANCE
         inside_out[i, j, k] = wp.where(on_surface, 1.0, inside)
+        k += 1
 
 
 @wp.kernel
@@ -257,17 +258,16 @@ class MeshWalls(LatticeMesh):
 
     def _cross(self) -> None:
         for axis, (crossed, speed) in enumerate(zip(self.crossed, self._speed, strict=True)):
-            rows = prod(n for other, n in enumerate(self.shape) if other != axis)
+            a, b = (n for other, n in enumerate(self.shape) if other != axis)
             args = (*self._place(), axis, int(self.moves), crossed, speed)
-            self._launcher.launch_each(_cross_faces, rows, *args)
+            self._launcher.launch(_cross_faces, (a, b, self.shape[axis] + 1), *args)
 
     def _fill(self) -> None:
         if not self._closed or self._margin > 0.0:
             fill_fraction(self._launcher, *self._place(), self._margin, self._far(), self._closed, self.fraction)
             return
-        ni, nj, _ = self.shape
-        far = self._far() if self.lower[2] == 0 else 0.0
-        self._launcher.launch_each(_fill_inside, ni * nj, *self._place(), far, *self.crossed, self.fraction)
+        args = (*self._place(), self._far(), int(self.lower[2] == 0), *self.crossed, self.fraction)
+        self._launcher.launch(_fill_inside, self.shape, *args)
 
     def push(self, velocity: tuple) -> None:
         """Gives the faces that the mesh closes its velocity.
