@@ -1,11 +1,8 @@
-"""Buoyancy: free fall to the bit, rest where pressure can balance it, any direction of up; decay."""
-
-from math import exp
+"""Buoyancy: free fall to the bit, rest where pressure can balance it, any direction of up."""
 
 import numpy as np
 import pytest
 
-from warp_smoke.fluid.dissipation import decay
 from warp_smoke.fluid.forces import Buoyancy
 from warp_smoke.fluid.grid import face_shape
 from warp_smoke.fluid.operators import measure_divergence, subtract_gradient
@@ -79,16 +76,3 @@ def test_uniform_heat_stays_still_in_a_closed_box(launcher, upload):
     _project(launcher, sides, velocity)
     for component in velocity:
         np.testing.assert_allclose(component.numpy(), 0.0, atol=1e-6 * max(SHAPE))
-
-
-def test_decay_is_exact_in_time(launcher, upload):
-    """Two half steps are one step, e^(−k dt) towards ambient; an enormous rate ends at ambient."""
-    values = np.random.default_rng(2).uniform(-3, 5, SHAPE).astype(np.float32)
-    whole, halves, fast = upload(values), upload(values), upload(values)
-    decay(launcher, whole, 1.0, 2.0, 0.5)
-    for _ in range(2):
-        decay(launcher, halves, 1.0, 2.0, 0.25)
-    decay(launcher, fast, 1.0, 1e6, 60.0)
-    np.testing.assert_allclose(whole.numpy(), 1.0 + exp(-1.0) * (values - 1.0), rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(halves.numpy(), whole.numpy(), rtol=1e-6, atol=1e-6)
-    np.testing.assert_array_equal(fast.numpy(), 1.0)
