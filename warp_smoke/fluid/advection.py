@@ -1,7 +1,7 @@
 """Advection: each field carried along the traces of a step.
 
 J. Stam, *Stable Fluids*, 1999 (semi-Lagrangian); A. Selle, R. Fedkiw, B. Kim, Y. Liu, J. Rossignac, *An
-Unconditionally Stable MacCormack Method*, 2008 (eqs. 10–12 and the clamp of section 3).
+Unconditionally Stable MacCormack Method*, 2008 (with its two ways to keep the result within range).
 
 Density and temperature that come in through an open side have ambient values: beyond it lies one layer of ambient
 cells. Velocity there goes on as on the side. Through a closed side nothing comes: traces end on it, and between it and
