@@ -274,16 +274,21 @@ class Surface(Prim):
         material: None = the default grey.
         visible: may change; an invisible surface casts no shadow and is not baked.
         receiver: what to bake, or None.
+        instancer: path of the `PointInstancer` that the surface is an instance of: it has no prim of its own, and so
+            no receiver; not part of equality.
     """
 
     mesh: Mesh
     material: Material | None = None
     visible: bool | Samples = True
     receiver: Receiver | None = None
+    instancer: str | None = field(default=None, compare=False)
 
     def __post_init__(self):
         super().__post_init__()
         self._check(switch, "visible")
+        if self.receiver is not None and self.instancer is not None:
+            raise FieldError(self.path, "receiver", self.receiver.bake, "none, for an instance of a PointInstancer")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

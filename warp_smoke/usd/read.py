@@ -17,6 +17,7 @@ from warp_smoke.record import each_value
 from warp_smoke.scene import Collider, Emitter, Light, Scene, SmokeDomain, Surface
 from warp_smoke.usd.names import STAGE, TRANSFORM
 from warp_smoke.usd.read_camera import read_camera
+from warp_smoke.usd.read_instances import InstanceReader, instanced_prims
 from warp_smoke.usd.read_light import is_ambient, read_ambient, read_light
 from warp_smoke.usd.read_material import MaterialReader
 from warp_smoke.usd.read_mesh import has_geometry, read_geometry
@@ -81,7 +82,7 @@ def read_stage(stage: Usd.Stage, file: str) -> Scene:
         reader.warn(stage.GetPrimAtPath(error.rootSite.path) or stage.GetPseudoRoot(), _message(error))
     contents = _Contents(reader)
     for prim in _prims(stage):
-        contents.add(prim)
+        contents.add(reader, prim)
 
     if contents.domains and not _has_times(stage):
         reader.warn(stage.GetPseudoRoot(), f"no start and end time codes; {settings.start} to {settings.end} are used")
@@ -106,9 +107,8 @@ class _Contents:
     """The records of a stage, as its prims are gone through."""
 
     def __init__(self, reader: StageReader):
-        self._reader = reader
         self._materials = MaterialReader(reader)
-        self._prototypes: dict[Sdf.Path, Mesh] = {}
+        self._shared_meshes: dict[Sdf.Path, Mesh] = {}
         self.domains: list[SmokeDomain] = []
         self.emitters: list[Emitter] = []
         self.colliders: list[Collider] = []
@@ -117,16 +117,21 @@ class _Contents:
         self.cameras: list[Usd.Prim] = []
         self.ambient = np.zeros(3)
 
-    def add(self, prim: Usd.Prim) -> None:
-        """Adds what one prim stands for."""
-        reader = self._reader
+    def add(self, reader: StageReader, prim: Usd.Prim) -> None:
+        """Adds what one prim stands for, or one instance's copy of it."""
         applied = set(prim.GetPrimTypeInfo().GetAppliedAPISchemas())
         for text in stray_attributes(prim, applied):
             reader.warn(prim, text)
-        if "SmokeDomainAPI" in applied:
+        instanced = isinstance(reader, InstanceReader)
+        if instanced and (is_ambient(prim) or "SmokeDomainAPI" in applied):
+            reader.warn(prim, "it is not supported in a prototype of a PointInstancer; it is left out")
+        elif "SmokeDomainAPI" in applied:
             self.domains.append(read_domain(reader, prim))
+        elif prim.IsA(UsdGeom.PointInstancer):
+            for inside, each in instanced_prims(reader, prim):
+                self.add(inside, each)
         elif has_geometry(prim):
-            self._add_geometry(prim, applied)
+            self._add_geometry(reader, prim, applied)
         elif applied & {"SmokeEmitterAPI", "SmokeColliderAPI"}:
             kind = f"{min(applied & {'SmokeEmitterAPI', 'SmokeColliderAPI'})} on {prim.GetTypeName() or 'no type'}"
             allowed = "that schema on a Mesh, Sphere, Cube, Cylinder, Cone, Capsule or Plane"
@@ -137,22 +142,21 @@ class _Contents:
             light = read_light(reader, prim)
             if light:
                 self.lights.append(light)
-        elif prim.IsA(UsdGeom.Camera):
+        elif prim.IsA(UsdGeom.Camera) and not instanced:
             self.cameras.append(prim)
         elif prim.GetTypeName() == "SkelRoot":
             reader.warn(prim, "skinning is not supported; meshes keep their points")
-        elif prim.IsA(UsdGeom.Boundable) and prim.GetTypeName() != "Skeleton" and self._seen(prim):
+        elif prim.IsA(UsdGeom.Boundable) and prim.GetTypeName() != "Skeleton" and _seen(reader, prim):
             reader.warn(prim, f"a {prim.GetTypeName()} is not supported; it is left out")
 
-    def _add_geometry(self, prim: Usd.Prim, applied: set[str]) -> None:
-        reader = self._reader
+    def _add_geometry(self, reader: StageReader, prim: Usd.Prim, applied: set[str]) -> None:
         emits, collides, receives = (f"Smoke{role}API" in applied for role in ("Emitter", "Collider", "Receiver"))
-        seen = self._seen(prim)
+        seen = _seen(reader, prim)
         if receives and not seen:
             reader.warn(prim, "SmokeReceiverAPI has no effect, since the mesh is invisible or a guide or proxy")
         if not (emits or collides or seen):
             return
-        mesh = self._shape(prim)
+        mesh = self._shape(reader, prim)
         if not len(mesh.triangles):
             reader.warn(prim, "it has no faces; it is left out")
             return
@@ -165,33 +169,38 @@ class _Contents:
         if receives and not prim.IsA(UsdGeom.Mesh):
             text = f"SmokeReceiverAPI on a {prim.GetTypeName()} has no effect: only a Mesh has texture coordinates"
             reader.warn(prim, text)
+        if receives and isinstance(reader, InstanceReader):
+            reader.warn(prim, "SmokeReceiverAPI has no effect: instances of a PointInstancer are not baked")
+            receives = False
         if prim.HasAPI(UsdLux.LightAPI):
             reader.warn(prim, "a mesh that is a light is not supported; it does not shine")
         with reader.naming(prim.GetPath(), {"transform": TRANSFORM}):
             self.surfaces.append(
                 Surface(
-                    path=str(prim.GetPath()),
+                    path=reader.path(prim),
                     transform=reader.transform(prim),
                     mesh=mesh,
                     material=self._materials.bound_to(prim),
                     visible=reader.visible(prim),
                     receiver=read_receiver(reader, prim) if receives and prim.IsA(UsdGeom.Mesh) else None,
+                    instancer=reader.instancer if isinstance(reader, InstanceReader) else None,
                 )
             )
 
-    def _shape(self, prim: Usd.Prim) -> Mesh:
+    def _shape(self, reader: StageReader, prim: Usd.Prim) -> Mesh:
         """The mesh of a prim, shared among the instances of a prototype."""
-        if not prim.IsInstanceProxy():
-            return read_geometry(self._reader, prim)
-        path = prim.GetPrimInPrototype().GetPath()
-        if path not in self._prototypes:
-            self._prototypes[path] = read_geometry(self._reader, prim)
-        return self._prototypes[path]
+        if not prim.IsInstanceProxy() and not isinstance(reader, InstanceReader):
+            return read_geometry(reader, prim)
+        path = prim.GetPrimInPrototype().GetPath() if prim.IsInstanceProxy() else prim.GetPath()
+        if path not in self._shared_meshes:
+            self._shared_meshes[path] = read_geometry(reader, prim)
+        return self._shared_meshes[path]
 
-    def _seen(self, prim: Usd.Prim) -> bool:
-        """Whether a prim is part of the set: ever visible, and not a guide or proxy."""
-        purpose = UsdGeom.Imageable(prim).ComputePurpose()
-        return purpose in PARTS_OF_THE_SET and bool(np.any(each_value(self._reader.visible(prim))))
+
+def _seen(reader: StageReader, prim: Usd.Prim) -> bool:
+    """Whether a prim is part of the set: ever visible, and not a guide or proxy."""
+    purpose = UsdGeom.Imageable(prim).ComputePurpose()
+    return purpose in PARTS_OF_THE_SET and bool(np.any(each_value(reader.visible(prim))))
 
 
 def _prims(stage: Usd.Stage) -> Iterator[Usd.Prim]:

@@ -19,4 +19,4 @@ def read_camera(reader: StageReader, prim: Usd.Prim) -> Camera:
     with reader.naming(prim.GetPath(), names):
         lens = {field: reader.still(prim.GetAttribute(attribute)) for field, attribute in CAMERA.items()}
         near, far = reader.still(prim.GetAttribute("clippingRange"))
-        return Camera(path=str(prim.GetPath()), transform=reader.transform(prim), near=near, far=far, **lens)
+        return Camera(path=reader.path(prim), transform=reader.transform(prim), near=near, far=far, **lens)

@@ -68,7 +68,7 @@ def read_light(reader: StageReader, prim: Usd.Prim) -> Light | None:
                 fields[name] = reader.still(prim.GetAttribute(LIGHT[name]))
         if "SmokeLightAPI" in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
             fields |= read_smoke_fields(reader, prim, "SmokeLightAPI", record)
-        return record(path=str(prim.GetPath()), transform=reader.transform(prim), **fields)
+        return record(path=reader.path(prim), transform=reader.transform(prim), **fields)
 
 
 def read_ambient(reader: StageReader, prim: Usd.Prim) -> np.ndarray:

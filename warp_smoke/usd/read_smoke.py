@@ -24,7 +24,7 @@ def read_domain(reader: StageReader, prim: Usd.Prim) -> SmokeDomain:
         lower, upper = _read_box(reader, prim)
         fields = read_smoke_fields(reader, prim, "SmokeDomainAPI", SmokeDomain)
         return SmokeDomain(
-            path=str(prim.GetPath()), transform=reader.transform(prim), lower=lower, upper=upper, **fields
+            path=reader.path(prim), transform=reader.transform(prim), lower=lower, upper=upper, **fields
         )
 
 
@@ -36,7 +36,7 @@ def read_emitter(reader: StageReader, prim: Usd.Prim, mesh: Mesh) -> Emitter:
     """
     with reader.naming(prim.GetPath(), smoke_names("SmokeEmitterAPI", Emitter)):
         fields = read_smoke_fields(reader, prim, "SmokeEmitterAPI", Emitter)
-        return Emitter(path=str(prim.GetPath()), transform=reader.transform(prim), mesh=mesh, **fields)
+        return Emitter(path=reader.path(prim), transform=reader.transform(prim), mesh=mesh, **fields)
 
 
 def read_collider(reader: StageReader, prim: Usd.Prim, mesh: Mesh) -> Collider:
@@ -47,7 +47,7 @@ def read_collider(reader: StageReader, prim: Usd.Prim, mesh: Mesh) -> Collider:
     """
     with reader.naming(prim.GetPath(), smoke_names("SmokeColliderAPI", Collider)):
         fields = read_smoke_fields(reader, prim, "SmokeColliderAPI", Collider)
-        return Collider(path=str(prim.GetPath()), transform=reader.transform(prim), mesh=mesh, **fields)
+        return Collider(path=reader.path(prim), transform=reader.transform(prim), mesh=mesh, **fields)
 
 
 def read_receiver(reader: StageReader, prim: Usd.Prim) -> Receiver:
@@ -57,7 +57,7 @@ def read_receiver(reader: StageReader, prim: Usd.Prim) -> Receiver:
         ValueError: one line naming file, prim and attribute.
     """
     with reader.naming(prim.GetPath(), smoke_names("SmokeReceiverAPI", Receiver)):
-        return Receiver(path=str(prim.GetPath()), **read_smoke_fields(reader, prim, "SmokeReceiverAPI", Receiver))
+        return Receiver(path=reader.path(prim), **read_smoke_fields(reader, prim, "SmokeReceiverAPI", Receiver))
 
 
 def read_smoke_fields(reader: StageReader, prim: Usd.Prim, schema: str, record: type[Record]) -> dict[str, object]:

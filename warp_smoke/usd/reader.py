@@ -49,6 +49,10 @@ class StageReader:
         """Notes that something on a prim is not supported."""
         self._warnings[f"{prim.GetPath()}: {text}"] = None
 
+    def path(self, prim: Usd.Prim) -> str:
+        """The path of the records made of a prim."""
+        return str(prim.GetPath())
+
     @contextmanager
     def naming(self, path: object, attributes: Mapping[str, str]) -> Iterator[None]:
         """Turns a FieldError raised within into the one line that names file, prim and attribute."""
@@ -99,7 +103,7 @@ class StageReader:
         It is sampled where any of the operations that make it has a sample, and where it is not linear between these
         also at every whole time code.
         """
-        moving = list(_moving_operations(prim))
+        moving = list(moving_operations(prim))
         times = self.sample_times([operation.GetAttr() for operation in moving])
         linear = len(moving) == 1 and moving[0].GetOpType() in LINEAR_OPERATIONS and not moving[0].IsInverseOp()
         if times and not linear:
@@ -165,12 +169,11 @@ def _upwards(prim: Usd.Prim) -> Iterator[Usd.Prim]:
         prim = prim.GetParent()
 
 
-def _moving_operations(prim: Usd.Prim) -> Iterator[UsdGeom.XformOp]:
-    """The transform operations of a prim and its ancestors that may change in time."""
+def moving_operations(prim: Usd.Prim, top: Usd.Prim | None = None) -> Iterator[UsdGeom.XformOp]:
+    """The transform operations of a prim and its ancestors, up to `top`, that may change in time."""
     for one in _upwards(prim):
         xformable = UsdGeom.Xformable(one)
-        if not xformable:
-            continue
-        yield from (operation for operation in xformable.GetOrderedXformOps() if operation.MightBeTimeVarying())
-        if xformable.GetResetXformStack():
+        if xformable:
+            yield from (operation for operation in xformable.GetOrderedXformOps() if operation.MightBeTimeVarying())
+        if one == top or (xformable and xformable.GetResetXformStack()):
             break

@@ -1,0 +1,177 @@
+"""Point instancers: every prim of every instance as if it stood on the stage by itself.
+
+Instances are told apart by `ids`, or by their place in the arrays. Each holds still outside the times at which it is
+there, and cannot be seen then.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from warp_smoke.record import Samples, value_at
+from warp_smoke.usd.reader import StageReader, moving_operations, whole_times
+
+# Prototypes may stand under an `over` or a `class`.
+_PROTOTYPE_PRIMS = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
+
+
+@dataclass(frozen=True)
+class _Instance:
+    """One instance at one time: its prototype's number, its transform to the instancer, and whether it is shown."""
+
+    prototype: int
+    to_instancer: np.ndarray
+    shown: bool
+
+
+def instanced_prims(reader: StageReader, prim: Usd.Prim) -> Iterator[tuple["InstanceReader", Usd.Prim]]:
+    """Each prim of a point instancer's instances, and what reads it as that instance's."""
+    instancer = UsdGeom.PointInstancer(prim)
+    instances = _Instances(reader, instancer)
+    for identity, first in instances.every.items():
+        prototype = instances.prototypes[first.prototype]
+        inside = InstanceReader(reader, instances, identity, prototype)
+        prims = iter(Usd.PrimRange(prototype, _PROTOTYPE_PRIMS))
+        for each in prims:
+            if each.IsA(UsdGeom.PointInstancer):
+                prims.PruneChildren()
+            yield inside, each
+
+
+class _Instances:
+    """The instances of a point instancer over time.
+
+    Attributes:
+        prim: the instancer.
+        prototypes: root prims of what it repeats.
+        times: time codes at which anything about the instances changes; none if nothing does.
+        every: each instance that there ever is, by its identity, as it is first.
+    """
+
+    def __init__(self, reader: StageReader, instancer: UsdGeom.PointInstancer):
+        self.prim, self._instancer, self._reader = instancer.GetPrim(), instancer, reader
+        targets = instancer.GetPrototypesRel().GetTargets()
+        self.prototypes = [self.prim.GetStage().GetPrimAtPath(path) for path in targets]
+        attributes = [
+            instancer.GetPositionsAttr(),
+            instancer.GetOrientationsAttr(),
+            instancer.GetOrientationsfAttr(),
+            instancer.GetScalesAttr(),
+            instancer.GetVelocitiesAttr(),
+            instancer.GetAngularVelocitiesAttr(),
+            instancer.GetProtoIndicesAttr(),
+            instancer.GetIdsAttr(),
+            instancer.GetInvisibleIdsAttr(),
+        ]
+        times = reader.sample_times([attribute for attribute in attributes if attribute])
+        self.times = sorted({*times, *whole_times(times)}) if len(times) > 1 else []
+        self.at = lru_cache(maxsize=None)(self._at)
+        self.every: dict[int, _Instance] = {}
+        self._present: dict[int, list[float]] = {}
+        for time in self.times or [reader.start]:
+            for identity, instance in self.at(time).items():
+                known = self.every.setdefault(identity, instance)
+                self._present.setdefault(identity, []).append(time)
+                if known.prototype != instance.prototype:
+                    reader.warn(self.prim, "instances that change their prototype are not supported; the first stays")
+
+    def _at(self, time: float) -> dict[int, _Instance]:
+        """The instances at a time code by their identity."""
+        prototypes = self._instancer.GetProtoIndicesAttr().Get(time) or []
+        for number in set(prototypes):
+            if not 0 <= number < len(self.prototypes) or not self.prototypes[number]:
+                allowed = f"0…{len(self.prototypes) - 1}, the prototypes there are"
+                raise self._reader.error(self.prim.GetPath(), "protoIndices", number, allowed)
+        ids = self._instancer.GetIdsAttr().Get(time)
+        identities = list(range(len(prototypes))) if not ids or len(ids) != len(prototypes) else list(ids)
+        include = UsdGeom.PointInstancer.IncludeProtoXform
+        unmasked = UsdGeom.PointInstancer.IgnoreMask
+        matrices = self._instancer.ComputeInstanceTransformsAtTime(time, time, include, unmasked)
+        if len(matrices) != len(prototypes):
+            given = self._instancer.GetPositionsAttr().Get(time) or []
+            raise self._reader.error(
+                self.prim.GetPath(), "positions", f"{len(given)} in number", f"{len(prototypes)}, one an instance"
+            )
+        shown = self._instancer.ComputeMaskAtTime(time) or [True] * len(prototypes)
+        each = zip(identities, prototypes, matrices, shown, strict=True)
+        return {int(one): _Instance(p, np.array(matrix), bool(seen)) for one, p, matrix, seen in each}
+
+    def to_instancer(self, identity: int, time: float) -> np.ndarray:
+        """An instance's transform; the one nearest in time where it is not there."""
+        now = self.at(time).get(identity)
+        if now is None:
+            present = np.array(self._present[identity])
+            now = self.at(float(present[np.argmin(np.abs(present - time))]))[identity]
+        return now.to_instancer
+
+    def shown(self, identity: int, time: float) -> bool:
+        """Whether an instance is there and not masked."""
+        now = self.at(time).get(identity)
+        return now is not None and now.shown
+
+
+class InstanceReader(StageReader):
+    """Reads the prims of a prototype as those of one instance.
+
+    Args:
+        outer: reads the instancer.
+        instances: the instancer's.
+        identity: which of them.
+        prototype: root prim of what it repeats.
+
+    Attributes:
+        instancer: path of the instancer.
+    """
+
+    def __init__(self, outer: StageReader, instances: _Instances, identity: int, prototype: Usd.Prim):
+        super().__init__(outer.file, outer.start)
+        self._outer, self._instances, self._identity, self._prototype = outer, instances, identity, prototype
+        self.warn = outer.warn
+        self.instancer = outer.path(instances.prim)
+
+    def path(self, prim: Usd.Prim) -> str:
+        """`<instancer>/Instance<identity>/<path from the prototype's root>`."""
+        below = prim.GetPath().MakeRelativePath(self._prototype.GetPath().GetParentPath())
+        return f"{self.instancer}/Instance{str(self._identity).replace('-', '_')}/{below}"
+
+    def transform(self, prim: Usd.Prim) -> np.ndarray | Samples:
+        """Local to world: through the prototype, the instance and the instancer."""
+        outer = self._outer.transform(self._instances.prim)
+        moving = list(moving_operations(prim, self._prototype))
+        times = {*self.sample_times([operation.GetAttr() for operation in moving]), *self._instances.times}
+        if isinstance(outer, Samples):
+            times.update(outer.times.tolist())
+        if times:
+            times.update(whole_times(list(times)))
+
+        def at(time: float) -> np.ndarray:
+            inside = np.eye(4)
+            if prim != self._prototype:
+                inside = np.array(self._transforms_at(time).ComputeRelativeTransform(prim, self._prototype)[0])
+            return inside @ self._instances.to_instancer(self._identity, time) @ value_at(outer, time)
+
+        return self.over_time(sorted(times), at)
+
+    def visible(self, prim: Usd.Prim) -> bool | Samples:
+        """Whether the instance is there, and neither hidden itself nor by its prototype or the instancer."""
+        outer = self._outer.visible(self._instances.prim)
+        inside = [UsdGeom.Imageable(one) for one in self._inside(prim)]
+        attributes = [one.GetVisibilityAttr() for one in inside if one]
+        times = {*self.sample_times(attributes), *self._instances.times}
+        if isinstance(outer, Samples):
+            times.update(outer.times.tolist())
+
+        def at(time: float) -> bool:
+            hidden = any(attribute.Get(time) == UsdGeom.Tokens.invisible for attribute in attributes)
+            return not hidden and self._instances.shown(self._identity, time) and bool(value_at(outer, time))
+
+        return self.over_time(sorted(times), at)
+
+    def _inside(self, prim: Usd.Prim) -> Iterator[Usd.Prim]:
+        """A prim and what is above it in its prototype."""
+        while prim.GetPath().HasPrefix(self._prototype.GetPath()):
+            yield prim
+            prim = prim.GetParent()
