@@ -22,7 +22,8 @@ _FLUID = {
     "cool_temperature": ("fluid.dissipation",),
 }
 _SURFACE_SHADOW = {"cube": "shadow.cube", "directional": "shadow.directional", "exact": "shadow.ray_traced"}
-_SMOKE_SHADOW = {"march": "shadow.smoke", "dpd": "shadow.dpd", "ray_traced": "shadow.smoke_ray_traced"}
+# Every other smoke shadow is a light buffer along the light's rays.
+_SMOKE_SHADOW = {"dpd": "shadow.dpd", "ray_traced": "shadow.smoke_ray_traced"}
 
 
 def kernel_modules(plan: Plan) -> list[str]:
@@ -36,7 +37,9 @@ def kernel_modules(plan: Plan) -> list[str]:
         for light in receiver.lights:
             if light.surface_shadow:
                 found.add(_SURFACE_SHADOW[light.surface_shadow])
-            found.update(_SMOKE_SHADOW[method] for _, method in light.smoke)
+            found.update(_SMOKE_SHADOW.get(each.method, "shadow.smoke") for each in light.smoke)
+            if light.light.smoke_diffusion and any(each.method != "ray_traced" for each in light.smoke):
+                found.add("shadow.diffusion")
     names = [f"warp_smoke.{name}" for name in sorted(found)]
     for name in names:
         import_module(name)

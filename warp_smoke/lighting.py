@@ -1,12 +1,14 @@
 """Shadows and bakes of a plan: which shadow meets which receiver, and what is computed again at a frame."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
 
 from warp_smoke.launch import Launcher
 from warp_smoke.plan import LightPlan, Plan, ReceiverPlan, When
+from warp_smoke.plan.passes import buffer_layers
 from warp_smoke.plan.reach import swept_corners
 from warp_smoke.shading.bake import ReceiverBake
 from warp_smoke.shadow.casters import Casters
@@ -32,7 +34,7 @@ class Lighting:
         everything = np.concatenate(list(corners.values()))
         self.origin = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
 
-        self._maps, self._smoke = {}, {}
+        self._maps = {}
         shadowed: dict[str, list[np.ndarray]] = {}
         self._casters = None
         for each in plan.receivers:
@@ -47,14 +49,22 @@ class Lighting:
                 points = np.concatenate(shadowed[path])
                 bounds = np.stack([points.min(axis=0), points.max(axis=0)])
                 self._maps[path] = SURFACE_SHADOWS[each.surface_shadow](launcher, each.light, self._casters, bounds)
-            for domain, method in each.smoke:
-                key = (path, domain.domain.path)
-                if key not in self._smoke:
-                    make, extinction = SMOKE_SHADOWS[method], domain.domain.extinction
-                    self._smoke[key] = make(launcher, domain.lattice, each.light, self.origin, extinction)
+        self._smoke = self._smoke_shadows([light for receiver in plan.receivers for light in receiver.lights])
 
         self._bakes = {each.surface.path: self._bake(each) for each in plan.receivers}
         self.warnings += [warning for bake in self._bakes.values() for warning in bake.warnings]
+
+    def _smoke_shadows(self, lights: list[LightPlan]) -> dict[tuple[str, str], object]:
+        """One for each pair of a light and a domain, whichever receivers share it."""
+        layers, made = buffer_layers(lights), {}
+        for each in lights:
+            for domain, method, _ in each.smoke:
+                key = (each.light.path, domain.domain.path)
+                if key not in made:
+                    light = replace(each.light, smoke_shadow=method, smoke_shadow_layer=layers[key])
+                    args = (domain.lattice, light, self.origin, domain.domain.extinction)
+                    made[key] = SMOKE_SHADOWS[method](self._launcher, *args, domain.domain.extinction_color)
+        return made
 
     def _bake(self, each: ReceiverPlan) -> ReceiverBake:
         return ReceiverBake(
@@ -67,6 +77,7 @@ class Lighting:
             camera=self._plan.scene.camera,
             shadowed=[light.light.path for light in each.lights if light.surface_shadow],
             smoke_shadowed=[light.light.path for light in each.lights if light.smoke],
+            color_shadowed=[light.light.path for light in each.lights if _is_colored(light)],
         )
 
     def update(self, time: float, densities: Mapping[str, wp.array]) -> dict[tuple[str, str], np.ndarray]:
@@ -118,11 +129,16 @@ class Lighting:
     def _look_through_smoke(self, each: LightPlan, bake: ReceiverBake) -> None:
         share = bake.transmittance[each.light.path]
         share.fill_(1.0)
-        for domain, _ in each.smoke:
-            self._smoke[each.light.path, domain.domain.path].transmittance(bake.map.points, share)
+        for smoke in each.smoke:
+            self._smoke[each.light.path, smoke.domain.domain.path].transmittance(bake.map.points, share)
 
     def depth_pictures(self) -> dict[str, np.ndarray]:
         """The depth maps by path of light, uint8: a cross of six faces for a point light."""
         if not self._plan.receivers:
             return {}
         return {path: shadow.depth_picture() for path, shadow in self._maps.items() if hasattr(shadow, "depth_picture")}
+
+
+def _is_colored(light: LightPlan) -> bool:
+    """Whether smoke dims some of the light's colours more than others."""
+    return any(each.domain.domain.colors_light for each in light.smoke)

@@ -33,9 +33,13 @@ GRIDS = ("density", "temperature", "velocity")
 BAKES = ("lit", "visibility", "smokeShadow")
 FALLOFF_MODELS = ("inverseSquare", "linear", "polynomial")
 SHADOW_FILTERS = ("hard", "exact")
-SMOKE_SHADOWS = ("march", "dpd", "ray_traced")
+SMOKE_SHADOWS = ("march", "nearest", "bilinear", "gaussian", "footprint", "dpd", "ray_traced")
+SMOKE_DIFFUSERS = ("paper", "sweeps", "exact")
+SMOKE_PROJECTIONS = ("parallel", "rays")
+SMOKE_COMPOSITINGS = ("opacity", "transmittance")
 WRAP_MODES = ("repeat", "clamp", "mirror", "black")
 MAX_RESOLUTION = 4096
+MAX_DIFFUSION = 1000.0
 
 
 def _identity() -> np.ndarray:
@@ -90,6 +94,8 @@ class SmokeDomain(Prim):
         vorticity: strength ε of vorticity confinement (0 = off).
         density_dissipation, temperature_cooling: decay rates [1/s].
         extinction: σ [1/m] at density 1.
+        extinction_color: factor on σ for red, green and blue: its shadows have the colours that are let through.
+        albedo: share of the dimmed light that is scattered on, linear RGB, for the light grid.
         density_scale: factor on the density that is exported.
         grids: fields written to the volume files: density, temperature, velocity.
         advection, pressure_solver, pressure_tolerance: None = chosen by the plan.
@@ -108,6 +114,8 @@ class SmokeDomain(Prim):
     density_dissipation: float = 0.0
     temperature_cooling: float = 0.0
     extinction: float = 4.0
+    extinction_color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    albedo: tuple[float, float, float] = (1.0, 1.0, 1.0)
     density_scale: float = 1.0
     grids: tuple[str, ...] = ("density", "velocity")
     advection: str | None = None
@@ -123,6 +131,9 @@ class SmokeDomain(Prim):
         self._check(positive, "time_scale", "max_courant", "density_scale")
         self._check(finite, "buoyancy_density", "buoyancy_temperature", "ambient_temperature")
         self._check(at_least, "vorticity", "density_dissipation", "temperature_cooling", "extinction")
+        self._check(at_least, "extinction_color", "albedo", shape=(3,))
+        if max(self.albedo) > 1:
+            raise FieldError(self.path, "albedo", self.albedo, "0 to 1")
         if self.boundary is not None:
             self._store("boundary", tuple(self.boundary))
             if len(self.boundary) != len(SIDES):
@@ -145,6 +156,16 @@ class SmokeDomain(Prim):
                 raise FieldError(
                     self.path, "transform", matrix[:3, :3].tolist(), "axes of non-zero length at right angles"
                 )
+
+    @property
+    def dims_light(self) -> bool:
+        """Whether its smoke casts a shadow."""
+        return bool(self.extinction and any(self.extinction_color))
+
+    @property
+    def colors_light(self) -> bool:
+        """Whether its smoke dims some colours more than others."""
+        return bool(self.extinction and np.ptp(self.extinction_color))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -305,10 +326,16 @@ class Light(Prim):
         shadow_map_size: texels along a side of a depth map.
         shadow_near, shadow_far: depth range [stage units]; None = what the scene needs.
         shadow_filter: hard (depth map) or exact (a ray for each point).
-        smoke_shadow: march (transmittance along the light's rays), dpd (the paper's) or ray_traced (a ray for each
-            point).
+        smoke_shadow: march (samples along the light's rays), a splat of voxels (nearest, bilinear, gaussian,
+            footprint), dpd (the paper's) or ray_traced (a ray for each point).
         smoke_shadow_size: texels along the longer side of the smoke's light buffer; None = matches the domain.
-        smoke_diffusion: r = νΔt/h² of the paper's energy diffusion (dpd).
+        smoke_shadow_layer: slices of the domain in each layer of the buffer, for receivers inside the smoke; None =
+            2, or all where no receiver is inside.
+        smoke_diffusion: r = νΔt/h² of the energy diffusion, h a texel's width.
+        smoke_diffuser: paper (one sweep), sweeps or exact.
+        smoke_sweeps: Jacobi sweeps (diffuser sweeps); None = ⌈8 r⌉ explicit substeps instead.
+        smoke_projection: of dpd: parallel to the line to the smoke's centre, as published, or the true rays.
+        smoke_compositing: of dpd: opacity, linear as published, or transmittance e^(−τ).
     """
 
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -324,7 +351,12 @@ class Light(Prim):
     shadow_filter: str = "hard"
     smoke_shadow: str = "march"
     smoke_shadow_size: int | None = None
+    smoke_shadow_layer: int | None = None
     smoke_diffusion: float = 0.0
+    smoke_diffuser: str = "paper"
+    smoke_sweeps: int | None = None
+    smoke_projection: str = "parallel"
+    smoke_compositing: str = "opacity"
 
     def __post_init__(self):
         super().__post_init__()
@@ -334,6 +366,11 @@ class Light(Prim):
         self._check(whole, "shadow_map_size", low=1, high=16384)
         self._check(one_of, "shadow_filter", allowed=SHADOW_FILTERS)
         self._check(one_of, "smoke_shadow", allowed=SMOKE_SHADOWS)
+        self._check(one_of, "smoke_diffuser", allowed=SMOKE_DIFFUSERS)
+        self._check(one_of, "smoke_projection", allowed=SMOKE_PROJECTIONS)
+        self._check(one_of, "smoke_compositing", allowed=SMOKE_COMPOSITINGS)
+        if self.smoke_diffusion > MAX_DIFFUSION:
+            raise FieldError(self.path, "smoke_diffusion", self.smoke_diffusion, f"0 to {MAX_DIFFUSION:g}")
         for name in ("shadow_bias", "shadow_slope_bias", "shadow_near"):
             if getattr(self, name) is not None:
                 self._check(at_least, name)
@@ -345,6 +382,10 @@ class Light(Prim):
                 )
         if self.smoke_shadow_size is not None:
             self._check(whole, "smoke_shadow_size", low=1, high=16384)
+        if self.smoke_shadow_layer is not None:
+            self._check(whole, "smoke_shadow_layer", low=1, high=MAX_RESOLUTION)
+        if self.smoke_sweeps is not None:
+            self._check(whole, "smoke_sweeps", low=1, high=10_000)
 
     def position_at(self, time: float) -> np.ndarray:
         """World position, [3] float64."""

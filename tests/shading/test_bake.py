@@ -108,8 +108,8 @@ def test_shadows_multiply_their_light(launcher):
     v, t_lamp, t_sun = rng.random((3, SIZE, SIZE)).astype(np.float32)
     v[:4] = 0.0  # the lamp is hidden: its smoke does not count there
     bake.visibility["/Lamp"].assign(v.ravel())
-    bake.transmittance["/Lamp"].assign(t_lamp.ravel())
-    bake.transmittance["/Sun"].assign(t_sun.ravel())
+    bake.transmittance["/Lamp"].assign(t_lamp.reshape(1, -1))
+    bake.transmittance["/Sun"].assign(t_sun.reshape(1, -1))
     assert set(bake.visibility) == {"/Lamp"}
 
     lamp = lamp_terms(texel_points())[1]
@@ -305,7 +305,7 @@ def test_same_bits_for_any_number_of_threads(threads):
         bake.update(1.0)
         shares = np.random.default_rng(9).random((2, 128 * 128)).astype(np.float32)
         bake.visibility["/Lamp"].assign(shares[0])
-        bake.transmittance["/Sun"].assign(shares[1])
+        bake.transmittance["/Sun"].assign(shares[1].reshape(1, -1))
         pictures.append([bake.picture(name) for name in ("lit", "visibility", "smokeShadow")])
     for one, many in zip(*pictures, strict=True):
         np.testing.assert_array_equal(one, many)

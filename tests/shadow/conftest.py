@@ -129,9 +129,9 @@ def transmittance(device):
 
     def look_up(*shadows, points):
         points = wp.array(np.asarray(points, np.float32), dtype=wp.vec3, device=device)
-        out = wp.full(len(points), 1.0, dtype=float, device=device)
+        out = wp.full((1, len(points)), 1.0, dtype=float, device=device)
         for shadow in shadows:
             shadow.transmittance(points, out)
-        return out.numpy()
+        return out.numpy()[0]
 
     return look_up

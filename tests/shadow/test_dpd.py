@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from warp_smoke.launch import Launcher
 from warp_smoke.record import Samples
 from warp_smoke.scene import PointLight
-from warp_smoke.shadow.dpd import DpdSmokeShadow, diffuse_buffer
+from warp_smoke.shadow.diffusion import Diffusion
+from warp_smoke.shadow.dpd import DpdSmokeShadow
 
 ORIGIN = np.zeros(3)
 
@@ -80,10 +81,8 @@ def _sweep(u, r):
 
 
 def _diffused(launcher, u, r):
-    u = launcher.array(np.asarray(u, np.float32), "test")
-    out = launcher.zeros(u.shape, "test")
-    diffuse_buffer(launcher, u, r, out)
-    return out.numpy()
+    u = launcher.array(np.asarray(u, np.float32)[None], "test")
+    return Diffusion(launcher, u.shape, r, "paper", None).spread(u).numpy()[0]
 
 
 @settings(deadline=None, max_examples=30)

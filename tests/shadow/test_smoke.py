@@ -15,14 +15,15 @@ from warp_smoke.shadow.smoke_ray_traced import RayTracedSmokeShadow
 ORIGIN = np.zeros(3)
 
 
-def _shadow(launcher, lattice, light, density, extinction=1.0, origin=ORIGIN, **options):
-    shadow = SmokeShadow(launcher, lattice, light, origin, extinction, **options)
+def _shadow(launcher, lattice, light, density, extinction=1.0, origin=ORIGIN, layer=2):
+    light = replace(light, smoke_shadow_layer=layer)
+    shadow = SmokeShadow(launcher, lattice, light, origin, extinction)
     shadow.update(wp.array(np.asarray(density, np.float32), device=launcher.device), 1.0)
     return shadow
 
 
 def _truth(launcher, lattice, light, density, extinction=1.0, step=0.25):
-    shadow = RayTracedSmokeShadow(launcher, lattice, light, ORIGIN, extinction, step)
+    shadow = RayTracedSmokeShadow(launcher, lattice, light, ORIGIN, extinction, step=step)
     shadow.update(wp.array(np.asarray(density, np.float32), device=launcher.device), 1.0)
     return shadow
 
@@ -158,7 +159,7 @@ def test_layers_hold_what_lies_before_them(launcher, lattice_at, distant_light, 
     light = distant_light((0, -1, 0))
     depth = np.cumsum(density[2, ::-1, 3])  # from the top down
     for slices in (1, 2, 4, 10):
-        shadow = _shadow(launcher, lattice, light, density, slices_per_layer=slices)
+        shadow = _shadow(launcher, lattice, light, density, layer=slices)
         ends = np.minimum(np.arange(slices, 10 + slices, slices), 10)
         points = np.column_stack([np.full(len(ends), -0.5), 5.0 - ends, np.full(len(ends), 0.5)])
         np.testing.assert_allclose(-np.log(transmittance(shadow, points=points)), depth[ends - 1], rtol=1e-5)
@@ -270,7 +271,7 @@ def test_coarser_texels_cost_accuracy_only(launcher, lattice_at, point_light, tr
 def test_moving_light(launcher, lattice_at, placed, point_light, transmittance):
     """A light that goes round the box, changing axes, has at each time the shadow of a light that stands there."""
     path = [(0.3, 4, 0.2), (4, 0.5, 0.1), (0.2, -0.3, -5)]
-    light = PointLight(path="/light", transform=Samples([1, 2, 3], [placed(p) for p in path]))
+    light = PointLight(path="/light", transform=Samples([1, 2, 3], [placed(p) for p in path]), smoke_shadow_layer=2)
     lattice = lattice_at((24, 32, 28), voxel_size=0.0625)
     density = _blob(lattice)
     array = wp.array(density.astype(np.float32), device=launcher.device)

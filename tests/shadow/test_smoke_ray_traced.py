@@ -12,7 +12,7 @@ ORIGIN = np.zeros(3)
 
 
 def _shadow(launcher, lattice, light, density, extinction=1.0, step=0.5):
-    shadow = RayTracedSmokeShadow(launcher, lattice, light, ORIGIN, extinction, step)
+    shadow = RayTracedSmokeShadow(launcher, lattice, light, ORIGIN, extinction, step=step)
     shadow.update(wp.array(np.asarray(density, np.float32), device=launcher.device), 1.0)
     return shadow
 

@@ -58,6 +58,9 @@ def test_defaults_are_those_of_the_records(record):
         ("SmokeLightAPI", "falloff_model", records.FALLOFF_MODELS),
         ("SmokeLightAPI", "shadow_filter", records.SHADOW_FILTERS),
         ("SmokeLightAPI", "smoke_shadow", records.SMOKE_SHADOWS),
+        ("SmokeLightAPI", "smoke_diffuser", records.SMOKE_DIFFUSERS),
+        ("SmokeLightAPI", "smoke_projection", records.SMOKE_PROJECTIONS),
+        ("SmokeLightAPI", "smoke_compositing", records.SMOKE_COMPOSITINGS),
     ],
 )
 def test_tokens_are_those_of_the_records(schema, field, allowed):

@@ -1,8 +1,9 @@
 """Estimates of device memory, before anything is allocated."""
 
-from warp_smoke.plan.passes import DomainPlan, LightPlan, ReceiverPlan
+from warp_smoke.plan.passes import DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan
 from warp_smoke.record import Samples
 from warp_smoke.shadow.light_buffer import fit_shear, light_in_cells
+from warp_smoke.shadow.projective import SCATTER_PARTS
 
 # Floats for each cell; velocity components count as one each.
 _STATE = {"emit_density": 1, "emit_temperature": 1, "voxelize_colliders": 4, "confine_vorticity": 4}
@@ -18,7 +19,9 @@ def memory_estimate(domains: tuple[DomainPlan, ...], receivers: tuple[ReceiverPl
     for receiver in receivers:
         estimate[receiver.surface.path] = _receiver_bytes(receiver)
         for each in receiver.lights:
-            maps.setdefault(each.light.path, {}).update(_light_bytes(each))
+            known = maps.setdefault(each.light.path, {})
+            for name, size in _light_bytes(each).items():
+                known[name] = max(size, known.get(name, 0))
     return estimate | {path: sum(each.values()) for path, each in maps.items() if each}
 
 
@@ -35,7 +38,7 @@ def _receiver_bytes(plan: ReceiverPlan) -> int:
     shares = 4 * bool({"visibility", "smokeShadow"} & set(plan.bakes))
     texel = 68 + shares  # points, normals, uvs, triangles, weights, colours and the picture's codes
     for each in plan.lights:
-        texel += 12 * ("lit" in plan.bakes) + 4 * bool(each.surface_shadow) + 4 * bool(each.smoke) + shares
+        texel += 12 * ("lit" in plan.bakes) + 4 * bool(each.surface_shadow) + 4 * _channels(each) + shares
     return plan.surface.receiver.texture_size**2 * texel
 
 
@@ -44,18 +47,30 @@ def _light_bytes(plan: LightPlan) -> dict[str, int]:
     size = plan.light.shadow_map_size
     faces = {"cube": 6, "directional": 1}.get(plan.surface_shadow, 0)
     found = {"map": 4 * faces * size**2} if faces else {}
-    for each, method in plan.smoke:
-        if method != "ray_traced":
-            found[each.domain.path] = _buffer_bytes(plan, each)
+    for each in plan.smoke:
+        if each.method != "ray_traced":
+            found[each.domain.domain.path] = _buffer_bytes(plan, each)
     return found
 
 
-def _buffer_bytes(plan: LightPlan, each: DomainPlan) -> int:
-    transform = plan.light.transform
+def _channels(plan: LightPlan) -> int:
+    """Shares that smoke lets through of one light, at each point."""
+    return 0 if not plan.smoke else 3 if any(each.domain.domain.colors_light for each in plan.smoke) else 1
+
+
+def _buffer_bytes(plan: LightPlan, each: SmokeShadowPlan) -> int:
+    """Of the buffer, of what it is spread with, and of the smoke turned so that its rows follow the light's slices."""
+    light, lattice = plan.light, each.domain.lattice
+    spread = {"paper": 1, "exact": 1, "sweeps": 2}[light.smoke_diffuser] if light.smoke_diffusion else 0
+    if each.method == "dpd":
+        texels = (light.smoke_shadow_size or max(lattice.shape)) ** 2
+        return 4 * texels * (SCATTER_PARTS + 1 + spread)
+    transform = light.transform
     time = transform.times[0] if isinstance(transform, Samples) else 0.0
-    shear = fit_shear(light_in_cells(plan.light, each.lattice, time), each.lattice.shape, plan.light.smoke_shadow_size)
+    shear = fit_shear(light_in_cells(light, lattice, time), lattice.shape, light.smoke_shadow_size)
     if shear is None:
         return 0
-    layers = -(-shear.slices // 2)
-    border = [n + 2 for axis, n in enumerate(each.lattice.shape) if axis != shear.axis]
-    return 4 * (shear.slices * border[0] * border[1] + layers * shear.texels[0] * shear.texels[1])
+    layers = -(-shear.slices // (each.layer or shear.slices))
+    rows = lattice.cells // lattice.shape[2]
+    turned = lattice.cells if shear.axis == 2 else 0
+    return 4 * (rows + turned + layers * shear.texels[0] * shear.texels[1] * (1 + spread))

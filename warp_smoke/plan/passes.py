@@ -1,7 +1,9 @@
 """What a plan is made of: passes that run, passes that do not, and the same sorted for the executor."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 from warp_smoke.lattice import Lattice
 from warp_smoke.scene import Collider, Emitter, Light, Scene, SmokeDomain, Surface
@@ -117,19 +119,33 @@ class DomainPlan:
     grids: tuple[str, ...]
 
 
+class SmokeShadowPlan(NamedTuple):
+    """How smoke may stand between one light and one receiver.
+
+    Attributes:
+        domain: whose smoke.
+        method: the smoke shadow's.
+        layer: slices in each layer of the light buffer; None = all, where the receiver is outside the domain.
+    """
+
+    domain: DomainPlan
+    method: str
+    layer: int | None
+
+
 @dataclass(frozen=True)
 class LightPlan:
     """What one light does for one receiver.
 
     Attributes:
         surface_shadow: cube, directional or exact; None = nothing stands between them.
-        smoke: the domains whose smoke may stand between them, each with its method.
+        smoke: for each domain whose smoke may stand between them.
         when: how often the light's radiance and surface shadow change.
     """
 
     light: Light
     surface_shadow: str | None
-    smoke: tuple[tuple[DomainPlan, str], ...]
+    smoke: tuple[SmokeShadowPlan, ...]
     when: When
 
 
@@ -140,6 +156,16 @@ class ReceiverPlan:
     surface: Surface
     bakes: dict[str, When]
     lights: tuple[LightPlan, ...]
+
+
+def buffer_layers(lights: Iterable[LightPlan]) -> dict[tuple[str, str], int | None]:
+    """Slices in each layer of the light buffers, by path of light and of domain: what all receivers can share."""
+    layers: dict[tuple[str, str], int | None] = {}
+    for light in lights:
+        for each in light.smoke:
+            key = (light.light.path, each.domain.domain.path)
+            layers[key] = min(filter(None, (layers.get(key), each.layer)), default=None)
+    return layers
 
 
 @dataclass(frozen=True)

@@ -43,12 +43,12 @@ def over(value: object, frames: range) -> np.ndarray:
     return np.array([value.at(time) for time in times_in(value, frames)])
 
 
-def in_box(lattice: Lattice, points: np.ndarray) -> bool:
-    """Whether the hull of world points [n, 3] meets a lattice's box."""
+def in_box(lattice: Lattice, points: np.ndarray, margin: float = 0.0) -> bool:
+    """Whether the hull of world points [n, 3] meets a lattice's box, made smaller on each side by so many cells."""
     if not len(points):
         return False
     cells = transform_points(lattice.world_to_cells(), points)
-    return _hull_meets_box(cells, np.zeros(3), np.asarray(lattice.shape, float))
+    return _hull_meets_box(cells, np.full(3, margin), np.asarray(lattice.shape, float) - margin)
 
 
 def in_range(light: Light, points: np.ndarray, frames: range) -> bool:

@@ -3,11 +3,17 @@
 import numpy as np
 
 from warp_smoke.lattice import Lattice
-from warp_smoke.plan.passes import DomainPlan, Ledger, LightPlan, ReceiverPlan, When
-from warp_smoke.plan.reach import in_range, is_flat, is_moving, may_shadow, over, swept_corners
+from warp_smoke.plan.passes import DomainPlan, Ledger, LightPlan, ReceiverPlan, SmokeShadowPlan, When
+from warp_smoke.plan.reach import in_box, in_range, is_flat, is_moving, may_shadow, over, swept_corners
 from warp_smoke.record import Samples
 from warp_smoke.scene import DistantLight, Light, Scene, Surface
 from warp_smoke.shadow.light_buffer import buffer_serves
+from warp_smoke.shadow.projective import plane_serves
+
+# Slices of the domain in each layer of a light buffer that receivers inside the smoke look up.
+DEFAULT_LAYER = 2
+# A receiver that only touches the domain's box, such as the floor below it, is outside: by so many cells.
+_TOUCH = 1e-3
 
 
 def plan_receivers(ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...]) -> tuple[ReceiverPlan, ...]:
@@ -81,7 +87,7 @@ class _Receiver:
         method = self._surface_shadow(light, casters, casters_move, when) if casters else None
         smoke = self._smoke(light) if bakes & {"lit", "smokeShadow"} else ()
         if smoke:
-            why = f"smoke in {', '.join(each.domain.path for each, _ in smoke)} may stand between the light and it"
+            why = f"smoke in {', '.join(each.domain.domain.path for each in smoke)} may stand between the light and it"
             self.ledger.keep("smoke_transmittance", pair, When.FRAME, "share of light through smoke", why)
         self.ledger.keep("shade_light", pair, when, "radiance", "the light shines on it")
         return LightPlan(light, method, smoke, when)
@@ -119,7 +125,7 @@ class _Receiver:
             return False
         return may_shadow(light, swept_corners(caster, frames), self.corners, frames)
 
-    def _smoke(self, light: Light) -> tuple[tuple[DomainPlan, str], ...]:
+    def _smoke(self, light: Light) -> tuple[SmokeShadowPlan, ...]:
         pair = (self.surface.path, light.path)
         if not self.domains:
             self.ledger.omit("smoke_transmittance", pair, "there is no smoke")
@@ -132,20 +138,23 @@ class _Receiver:
             return ()
         found = []
         for each in self.domains:
-            if not each.domain.extinction:
+            if not each.domain.dims_light:
                 why = "extinction is 0, so its smoke casts no shadow"
                 self.ledger.omit("project_smoke", (each.domain.path, *pair), why)
             elif not may_shadow(light, _box_corners(each.lattice), self.corners, self.scene.frames):
                 why = "its smoke never stands between the light and the surface"
                 self.ledger.omit("project_smoke", (each.domain.path, *pair), why)
             else:
-                found.append((each, self._smoke_method(light, each)))
+                inside = in_box(each.lattice, self.corners, _TOUCH)
+                layer = light.smoke_shadow_layer or (DEFAULT_LAYER if inside else None)
+                found.append(SmokeShadowPlan(each, self._smoke_method(light, each), layer))
         return tuple(found)
 
     def _smoke_method(self, light: Light, each: DomainPlan) -> str:
         pair = (light.path, each.domain.path)
         method = light.smoke_shadow
-        if method != "ray_traced" and not buffer_serves(light, each.lattice, self.scene.frames):
+        serves = plane_serves if method == "dpd" else buffer_serves
+        if method != "ray_traced" and not serves(light, each.lattice, self.scene.frames):
             why = "the light is inside the domain or close to it, where no buffer can hold its shadow: rays are traced"
             self.ledger.omit("project_smoke", pair, why)
             return "ray_traced"

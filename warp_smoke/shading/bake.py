@@ -2,11 +2,11 @@
 
 With B, l of light L at a point (`light_source.py`), V its visibility past surfaces and T the smoke's transmittance:
 
-- `lit` = emissive + ambient ⊗ m_d + Σ_L V T B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0), F. Luna's LitColor;
+- `lit` = emissive + ambient ⊗ m_d + Σ_L V T ⊗ B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0), F. Luna's LitColor;
 - `visibility` = Σ_L w V / Σ_L w, the share of the light that surfaces let through, and
 - `smokeShadow` = Σ_L w V T / Σ_L w V, the share of the remaining light that smoke lets through, with the luminance
   w = Y(B) max(l·n, 0) of the light that would arrive; 1 where none would. So visibility · smokeShadow is the share of
-  all light that arrives, whatever the material.
+  all light that arrives, whatever the material. Where smoke is coloured, T is its luminance here.
 """
 
 from collections.abc import Collection, Sequence
@@ -36,7 +36,8 @@ class ReceiverBake:
     Attributes:
         map: the points that are baked, a `TexelMap`, or a `VertexMap` if the texture coordinates hold no picture.
         visibility: by path of light, [n] float32, the share that surfaces let through; 1 until written.
-        transmittance: by path of light, [n] float32, the share that smoke lets through; 1 until written.
+        transmittance: by path of light, [1, n] float32, the share that smoke lets through, or [3, n] for red, green
+            and blue where the smoke is coloured; 1 until written.
         warnings: what could not be done as asked.
     """
 
@@ -52,6 +53,7 @@ class ReceiverBake:
         camera: Camera | None = None,
         shadowed: Collection[str] = (),
         smoke_shadowed: Collection[str] = (),
+        color_shadowed: Collection[str] = (),
     ):
         """Allocates what the receiver's bakes need; no light is computed before `update`.
 
@@ -65,6 +67,7 @@ class ReceiverBake:
             camera: whose view the highlights are seen from; None leaves them out.
             shadowed: paths of the lights from which surfaces shadow it.
             smoke_shadowed: paths of the lights from which smoke shadows it.
+            color_shadowed: those of them whose light is coloured by it.
 
         Raises:
             FieldError: a texture cannot be read.
@@ -89,17 +92,29 @@ class ReceiverBake:
             self._weights = launcher.zeros(by_light, "bake")
             self._shares = launcher.zeros(count, "bake")
         self._ambient, self._emissive = wp.vec3(*ambient), wp.vec3(*material.emissive_color)
-        self._visibility, self._visibility_row, self.visibility = self._shares_by_light(shadowed)
-        self._transmittance, self._transmittance_row, self.transmittance = self._shares_by_light(smoke_shadowed)
+        self._visibility, self._visibility_row, visibility = self._shares_by_light(shadowed)
+        self.visibility = {path: rows[0] for path, rows in visibility.items()}
+        args = (smoke_shadowed, color_shadowed)
+        self._transmittance, self._transmittance_row, self.transmittance = self._shares_by_light(*args)
         self.warnings = warnings
 
-    def _shares_by_light(self, paths: Collection[str]) -> tuple[wp.array, wp.array, dict[str, wp.array]]:
-        """Ones for the lights named, [lights named, n], the row of each light there or −1, and the rows by path."""
-        named = [light.path for light in self._lights if light.path in paths]
-        shares = self._launcher.array(np.ones((len(named), max(self.map.count, 1)), np.float32), "bake")
-        row = [named.index(light.path) if light.path in named else -1 for light in self._lights]
-        rows = {path: shares[k] for k, path in enumerate(named)}
-        return shares, self._launcher.array(np.array(row, np.int32), "bake"), rows
+    def _shares_by_light(
+        self, paths: Collection[str], colored: Collection[str] = ()
+    ) -> tuple[wp.array, wp.array, dict[str, wp.array]]:
+        """Ones for the lights named, one row or three, [rows, n], the rows of each light or −1, and views by path."""
+        rows, count = [], 0
+        for light in self._lights:
+            channels = 0 if light.path not in paths else 3 if light.path in colored else 1
+            rows.append(count + np.arange(3) % channels if channels else np.full(3, -1))
+            count += channels
+        shares = self._launcher.array(np.ones((count, max(self.map.count, 1)), np.float32), "bake")
+        views = {
+            light.path: shares[int(row[0]) : int(row[2]) + 1]
+            for light, row in zip(self._lights, rows, strict=True)
+            if row[0] >= 0
+        }
+        rows = np.array(rows, np.int32).reshape(-1, 3)
+        return shares, self._launcher.array(rows, "bake", dtype=wp.vec3i), views
 
     def update(self, time: float) -> None:
         """Brings points, normals and unshadowed light to a time code; computes only what changed."""
@@ -220,11 +235,11 @@ def _weigh_light(
 
 
 @wp.func
-def share_at(shares: wp.array2d[float], row: int, s: int):
-    """The share of a light that is let through; all of it without a row."""
-    if row < 0:
-        return 1.0
-    return shares[row, s]
+def share_at(shares: wp.array2d[float], rows: wp.vec3i, s: int):
+    """The share of a light that is let through, for each of red, green and blue; all of it without rows."""
+    if rows[0] < 0:
+        return wp.vec3(1.0, 1.0, 1.0)
+    return wp.vec3(shares[rows[0], s], shares[rows[1], s], shares[rows[2], s])
 
 
 @wp.kernel
@@ -235,17 +250,17 @@ def _add_lights(
     emissive: wp.vec3,
     radiance: wp.array2d[wp.vec3],
     visibility: wp.array2d[float],
-    visibility_row: wp.array[int],
+    visibility_row: wp.array[wp.vec3i],
     transmittance: wp.array2d[float],
-    transmittance_row: wp.array[int],
+    transmittance_row: wp.array[wp.vec3i],
     lit_out: wp.array[wp.vec3],
 ):
-    """lit[s] = emissive + ambient ⊗ m_d + Σ V T radiance."""
+    """lit[s] = emissive + ambient ⊗ m_d + Σ V ⊗ T ⊗ radiance."""
     s = rows.first + wp.tid()
     lit = emissive + wp.cw_mul(ambient, diffuse[s])
     for light in range(radiance.shape[0]):
         v = share_at(visibility, visibility_row[light], s)
-        lit += v * share_at(transmittance, transmittance_row[light], s) * radiance[light, s]
+        lit += wp.cw_mul(wp.cw_mul(v, share_at(transmittance, transmittance_row[light], s)), radiance[light, s])
     lit_out[s] = lit
 
 
@@ -254,7 +269,7 @@ def _average_visibility(
     rows: Rows,
     weights: wp.array2d[float],
     visibility: wp.array2d[float],
-    visibility_row: wp.array[int],
+    visibility_row: wp.array[wp.vec3i],
     shares_out: wp.array[float],
 ):
     """shares[s] = Σ w V / Σ w, or 1."""
@@ -264,7 +279,7 @@ def _average_visibility(
     for light in range(weights.shape[0]):
         w = weights[light, s]
         total += w
-        passed += w * share_at(visibility, visibility_row[light], s)
+        passed += w * share_at(visibility, visibility_row[light], s)[0]
     shares_out[s] = wp.where(total > 0.0, passed / total, 1.0)
 
 
@@ -273,9 +288,9 @@ def _average_transmittance(
     rows: Rows,
     weights: wp.array2d[float],
     visibility: wp.array2d[float],
-    visibility_row: wp.array[int],
+    visibility_row: wp.array[wp.vec3i],
     transmittance: wp.array2d[float],
-    transmittance_row: wp.array[int],
+    transmittance_row: wp.array[wp.vec3i],
     shares_out: wp.array[float],
 ):
     """shares[s] = Σ w V T / Σ w V, or 1."""
@@ -283,7 +298,7 @@ def _average_transmittance(
     total = wp.float32(0.0)  # a literal could not change in the loop
     passed = wp.float32(0.0)
     for light in range(weights.shape[0]):
-        w = weights[light, s] * share_at(visibility, visibility_row[light], s)
+        w = weights[light, s] * share_at(visibility, visibility_row[light], s)[0]
         total += w
-        passed += w * share_at(transmittance, transmittance_row[light], s)
+        passed += w * wp.dot(_LUMINANCE, share_at(transmittance, transmittance_row[light], s))
     shares_out[s] = wp.where(total > 0.0, passed / total, 1.0)

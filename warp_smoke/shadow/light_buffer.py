@@ -66,13 +66,22 @@ class Shear:
     texels: tuple[int, int]
 
     @property
+    def is_shift(self) -> bool:
+        """Whether each slice lands on the buffer by a shift alone: light from afar, and texels as wide as cells."""
+        return self.light[3] == 0.0 and self.texel == 1.0
+
+    @property
     def from_cells(self) -> np.ndarray:
         """Cell coordinates to shear coordinates, 4 × 4 row-vector matrix."""
         return _from_cells(self.axis, self.flipped, self.slices)
 
-    def slice_places(self) -> np.ndarray:
-        """Where texels sample slices, in cells: s = a · row + b, t = a · column + c, as (a, b, c), [slices, 3]."""
-        z = np.arange(self.slices)[:, None] + 0.5
+    def slice_places(self, depths: tuple[float, ...] = (0.5,)) -> np.ndarray:
+        """Where texels sample slices, in cells: s = a · row + b, t = a · column + c, as (a, b, c), [samples, 3].
+
+        Args:
+            depths: of the samples in each slice, 0 to 1.
+        """
+        z = np.add.outer(np.arange(self.slices), depths).reshape(-1, 1)
         light, distance, w = self.light[:2], -self.light[2], self.light[3]
         growth = 1.0 + w * z / distance
         first = (self.corner + 0.5 * self.texel) * growth - light * z / distance
@@ -84,7 +93,12 @@ class Shear:
 
 
 def fit_shear(
-    light: np.ndarray, shape: tuple[int, int, int], size: int | None = None, texels: tuple[int, int] | None = None
+    light: np.ndarray,
+    shape: tuple[int, int, int],
+    size: int | None = None,
+    texels: tuple[int, int] | None = None,
+    reach: float = 0.5,
+    margin: int = 0,
 ) -> Shear | None:
     """The light buffer across the axis that the light's rays are least oblique to; None if no axis serves.
 
@@ -93,8 +107,10 @@ def fit_shear(
         shape: cells of the lattice.
         size: texels along the buffer's longer side; None = texels as wide as a cell in the middle of the box.
         texels: numbers of texels that are given; they are widened where the box would not fit.
+        reach: how far a cell's smoke reaches beyond the box, in cells.
+        margin: texels beyond that on each side.
     """
-    fits = [_across(light, shape, axis) for axis in range(3)]
+    fits = [_across(light, shape, axis, reach) for axis in range(3)]
     slope, axis = min((fit.slope, axis) for axis, fit in enumerate(fits))
     if slope > MAX_SLOPE:
         return None
@@ -104,12 +120,13 @@ def fit_shear(
     growth = 1.0 + fit.light[3] * middle
     texel = max(1.0 / growth, span / (_MAX_TEXELS * max(shape))) if size is None else span / size
     if texels is not None:
-        texel = max(texel, float(((fit.upper - fit.lower) / np.maximum(np.subtract(texels, 3), 1)).max()))
+        inner = np.maximum(np.subtract(texels, 3 + 2 * margin), 1)
+        texel = max(texel, float(((fit.upper - fit.lower) / inner).max()))
     # Texels begin where cells do in the middle of the box, so that light along the axis samples cells at their
     # centres; and no smoke reaches the outermost ones, so that beyond the buffer there is no shadow.
     first_cell = fit.light[:2] * middle / growth
-    corner = first_cell + np.floor((fit.lower - first_cell) / texel - 0.5) * texel
-    needed = np.ceil((fit.upper - corner) / texel + 0.5).astype(int)
+    corner = first_cell + np.floor((fit.lower - first_cell) / texel - 0.5 - margin) * texel
+    needed = np.ceil((fit.upper - corner) / texel + 0.5 + margin).astype(int)
     return Shear(axis, fit.flipped, shape[axis], fit.light, corner, texel, texels or (int(needed[0]), int(needed[1])))
 
 
@@ -132,14 +149,14 @@ class _Fit:
     slope: float
 
 
-def _across(light: np.ndarray, shape: tuple[int, int, int], axis: int) -> _Fit:
+def _across(light: np.ndarray, shape: tuple[int, int, int], axis: int, reach: float) -> _Fit:
     n = shape[axis]
     w = light[3]
     flipped = bool(light[axis] > 0.5 * n * w)
     s, t, depth, _ = local = light @ _from_cells(axis, flipped, n)
     sides = [shape[other] for other in range(3) if other != axis]
-    # A cell's samples reach half a cell beyond it; nothing outside the box.
-    corners = np.array([[-0.5, -0.5], [-0.5, sides[1] + 0.5], [sides[0] + 0.5, -0.5], [sides[0] + 0.5, sides[1] + 0.5]])
+    low, high = -reach, np.add(sides, reach)
+    corners = np.array([[low, low], [low, high[1]], [high[0], low], [high[0], high[1]]])
     distance = -depth
     # Beside the box, inside it or within half a cell of it; or distant, and so much across the axis as to overflow.
     if distance <= 0.5 * w or (not w and distance * MAX_SLOPE < max(abs(s), abs(t))):

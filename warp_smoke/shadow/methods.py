@@ -6,9 +6,15 @@ from warp_smoke.shadow.dpd import DpdSmokeShadow
 from warp_smoke.shadow.ray_traced import RayTracedShadow
 from warp_smoke.shadow.smoke import SmokeShadow
 from warp_smoke.shadow.smoke_ray_traced import RayTracedSmokeShadow
+from warp_smoke.shadow.splats import SPLATS
 
 # (launcher, light, casters, receiver_bounds), then .update(time) and .visibility(points, normals, visibility_out).
 SURFACE_SHADOWS = {"cube": CubeShadow, "directional": DirectionalShadow, "exact": RayTracedShadow}
 
-# (launcher, lattice, light, origin, extinction), then .update(density, time) and .transmittance(points, inout).
-SMOKE_SHADOWS = {"march": SmokeShadow, "dpd": DpdSmokeShadow, "ray_traced": RayTracedSmokeShadow}
+# (launcher, lattice, light, origin, extinction, color), then .update(density, time) and .transmittance(points, inout).
+SMOKE_SHADOWS = {
+    "march": SmokeShadow,
+    **dict.fromkeys(SPLATS, SmokeShadow),
+    "dpd": DpdSmokeShadow,
+    "ray_traced": RayTracedSmokeShadow,
+}

@@ -4,10 +4,21 @@ Zhan, Yang, Shi and Fei (2008): the plane passes through the far side of the smo
 from the light to the box's centre. Texture coordinates (s, t, r, q) = B · P · V · M · (x, y, z, 1), as in OpenGL.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+
+from warp_smoke.lattice import Lattice
+from warp_smoke.scene import Light
+from warp_smoke.shadow.light_buffer import light_in_cells
+
+# Voxels are scattered in this many parts, each by one thread into a buffer of its own and added up in a fixed order:
+# the result is the same on any device and for any number of threads, without atomics.
+SCATTER_PARTS = 16
+# How much of the distance to the box's centre a light must be in front of the whole box for its rays to be projected.
+_NEAREST = 0.05
 
 
 @dataclass(frozen=True)
@@ -17,7 +28,7 @@ class ProjectionPlane:
     Attributes:
         centre: of the box, [3].
         axes: unit vectors S (to the right, seen from the light), T (up) and the way the light goes, one a row, [3, 3].
-        half: half the size of the rectangle on S and T that holds the box's shadow by parallel rays, [2].
+        half: half the size of the rectangle on S and T that holds the box's shadow, [2].
         depth: how far behind the centre the plane lies; the box begins as far before it.
         distance: from the light to the centre; infinite for a distant light.
     """
@@ -34,6 +45,14 @@ class ProjectionPlane:
         linear = scale[:, None] * self.axes[:2]
         constant = linear @ (0.5 - self.centre) + 0.5 * np.array([width, height])
         return np.column_stack([linear, constant])
+
+    def ray_texels(self, width: int, height: int) -> np.ndarray:
+        """Cell coordinates to texels along a point light's rays, times q, and q, [3, 4], for column vectors.
+
+        q is the depth as a share of the plane's.
+        """
+        s, t, _, q = self.texture_matrix().T
+        return np.stack([s * width, t * height, q]) / (self.distance + self.depth)
 
     def texture_matrix(self) -> np.ndarray:
         """Cell coordinates to (s, t, r, q) with s along S and t along T: V · P · B for row vectors, [4, 4]."""
@@ -58,13 +77,26 @@ class ProjectionPlane:
         return view @ projection @ to_unit
 
 
-def fit_plane(light: np.ndarray, shape: tuple[int, int, int], up: np.ndarray) -> ProjectionPlane | None:
+def plane_serves(light: Light, lattice: Lattice, times: Iterable[float]) -> bool:
+    """Whether the plane can hold the smoke's shadow at all these time codes.
+
+    It cannot where a point light is inside the domain, or with true rays so near that some of the box lies beside it.
+    """
+    rays, up = light.smoke_projection == "rays", np.asarray(lattice.up)
+    return all(fit_plane(light_in_cells(light, lattice, time), lattice.shape, up, rays) is not None for time in times)
+
+
+def fit_plane(
+    light: np.ndarray, shape: tuple[int, int, int], up: np.ndarray, rays: bool = False
+) -> ProjectionPlane | None:
     """The plane for a light (homogeneous, in cell coordinates, [4]); None for a light inside the box.
 
     Args:
         light: (position, 1), or (unit direction towards the light, 0).
         shape: cells of the lattice.
         up: unit vector up along the lattice's axes; T points up as far as it can.
+        rays: whether the rectangle holds the shadow by the light's true rays, not by parallel ones; the light must
+            then be in front of the whole box.
     """
     centre = 0.5 * np.asarray(shape, np.float64)
     away = light[3] * centre - light[:3]
@@ -78,5 +110,13 @@ def fit_plane(light: np.ndarray, shape: tuple[int, int, int], up: np.ndarray) ->
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(right, direction), direction])
     corners = np.array(list(product((-1.0, 1.0), repeat=3))) * centre
-    half = np.abs(corners @ axes.T).max(axis=0)
-    return ProjectionPlane(centre, axes, half[:2], float(half[2]), distance if light[3] else np.inf)
+    local = corners @ axes.T
+    half = np.abs(local).max(axis=0)
+    depth = float(half[2])
+    if not light[3]:
+        return ProjectionPlane(centre, axes, half[:2], depth, np.inf)
+    if rays:
+        if distance - depth < _NEAREST * distance:
+            return None
+        half = np.abs(local * (distance + depth) / (distance + local[:, 2:])).max(axis=0)
+    return ProjectionPlane(centre, axes, half[:2], depth, distance)

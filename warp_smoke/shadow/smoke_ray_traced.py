@@ -45,9 +45,10 @@ def _march_rays(
     extinction: float,
     step: float,
     points: wp.array[wp.vec3],
-    transmittance_inout: wp.array[float],
+    color: wp.vec3,
+    transmittance_inout: wp.array2d[float],
 ):
-    """transmittance[n] *= exp(−σ Σ ρ(x + (m + ½) Δ d) Δ), Δ ≤ step, from points[n] to the light or the box's side."""
+    """transmittance[c, n] *= exp(−σ color_c Σ ρ(x + (m + ½) Δ d) Δ), Δ ≤ step, to the light or the box's side."""
     n = rows.first + wp.tid()
     x = wp.transform_point(from_set, points[n])
     ray = wp.vec3(light[0], light[1], light[2]) - light[3] * x
@@ -69,7 +70,9 @@ def _march_rays(
         total = wp.float32(0.0)
         for m in range(steps):
             total += trilinear_density(density, x + (start + (float(m) + 0.5) * length) * direction)
-        transmittance_inout[n] = transmittance_inout[n] * wp.exp(-extinction * length * total)
+        depth = extinction * length * total
+        for c in range(transmittance_inout.shape[0]):
+            transmittance_inout[c, n] = transmittance_inout[c, n] * wp.exp(-color[c] * depth)
 
 
 class RayTracedSmokeShadow:
@@ -82,6 +85,7 @@ class RayTracedSmokeShadow:
         light: Light,
         origin: np.ndarray,
         extinction: float,
+        color: tuple[float, float, float] = (1.0, 1.0, 1.0),
         step: float = 0.5,
     ):
         """Prepares the rays.
@@ -92,10 +96,11 @@ class RayTracedSmokeShadow:
             light: any light.
             origin: world position of set space's origin [stage units], [3] float64.
             extinction: σ [1/m] at density 1.
+            color: factor on σ for red, green and blue.
             step: between samples, in cells.
         """
         self._launcher, self._lattice, self._light, self._step = launcher, lattice, light, step
-        self._extinction = extinction * lattice.h
+        self._extinction, self._color = extinction * lattice.h, wp.vec3(*color)
         self._from_set = wp.mat44(set_to_cells(lattice, np.asarray(origin, np.float64)).T.astype(np.float32))
 
     def update(self, density: wp.array, time: float) -> None:
@@ -108,7 +113,7 @@ class RayTracedSmokeShadow:
 
         Args:
             points: in set space, [n] vec3.
-            transmittance_inout: [n].
+            transmittance_inout: [1, n], or [3, n] for red, green and blue.
         """
         self._launcher.launch_each(
             _march_rays,
@@ -119,5 +124,6 @@ class RayTracedSmokeShadow:
             self._extinction,
             self._step,
             points,
+            self._color,
             transmittance_inout,
         )

@@ -1,0 +1,112 @@
+"""How voxels are spread over a light buffer: one-dimensional weights for each slice of the lattice; no Warp here.
+
+In shear coordinates (`light_buffer`) a splat is the product of weights along s and along t. Each takes the cells that
+a texel gathers from, so the sum over a buffer needs no scatter and no atomics. With x the texel's place and c a cell's
+centre on a slice, and a the texel's width there, all in cells, texel u = (x − c)/a away:
+
+- nearest: 1 where |u| ≤ ½, the texel that the centre falls on;
+- bilinear: max(0, 1 − |u|);
+- gaussian: Westover's (1990) footprint of a Gaussian voxel, of standard deviation ½ cell, integrated over the texel;
+- footprint: the share of the cell that the texel covers. Rays cross a slice aslant: two Gauss points across it.
+
+Divided by a, each keeps the mass: for parallel rays Σ buf A is the sum of the voxels.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from warp_smoke.shadow.light_buffer import Shear
+
+# Of a Gaussian voxel, in cells: neighbours then add up to a nearly even slab.
+_GAUSSIAN_WIDTH = 0.5
+# Where it is cut off, in cells: what lies beyond, 0.3 %, goes to the outermost texels, so that none is lost.
+_GAUSSIAN_REACH = 3.0 * _GAUSSIAN_WIDTH
+
+
+class Taps(NamedTuple):
+    """Weights of cells on texels along one axis.
+
+    Attributes:
+        first: the first cell that each texel gathers from, [samples, texels] int32.
+        weight: of that cell and those after it, [samples, texels, taps] float32.
+    """
+
+    first: np.ndarray
+    weight: np.ndarray
+
+
+class Splat(NamedTuple):
+    """One way to spread a voxel.
+
+    Attributes:
+        depths: of the samples in each slice, 0 to 1.
+        reach: how far a cell's centre is from a texel that it adds to, in cells, as a function of a.
+        weigh: weight before the division by a, as a function of u and a.
+        beyond: how far smoke reaches beyond the box on fine texels, in cells.
+    """
+
+    depths: tuple[float, ...]
+    reach: Callable[[np.ndarray], np.ndarray]
+    weigh: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    beyond: float = 0.5
+
+
+def _nearest(u: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return ((u >= -0.5) & (u < 0.5)).astype(float)
+
+
+def _bilinear(u: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return np.maximum(0.0, 1.0 - np.abs(u))
+
+
+def _gaussian(u: np.ndarray, a: np.ndarray) -> np.ndarray:
+    width, reach = _GAUSSIAN_WIDTH / a, _GAUSSIAN_REACH / a
+
+    def below(edge: np.ndarray) -> np.ndarray:
+        return np.where(edge >= reach, 1.0, np.where(edge <= -reach, 0.0, ndtr(edge / width)))
+
+    return below(u + 0.5) - below(u - 0.5)
+
+
+def _footprint(u: np.ndarray, a: np.ndarray) -> np.ndarray:
+    half = 0.5 / a
+    return np.maximum(0.0, np.minimum(u + 0.5, half) - np.maximum(u - 0.5, -half)) * a
+
+
+_GAUSS_POINTS = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
+
+SPLATS = {
+    "nearest": Splat((0.5,), lambda a: 0.5 * a, _nearest),
+    "bilinear": Splat((0.5,), lambda a: a, _bilinear),
+    "gaussian": Splat((0.5,), lambda a: 0.5 * a + _GAUSSIAN_REACH, _gaussian, _GAUSSIAN_REACH),
+    "footprint": Splat(_GAUSS_POINTS, lambda a: 0.5 * a + 0.5, _footprint),
+}
+
+
+def splat_taps(splat: Splat, shear: Shear, shape: tuple[int, int]) -> tuple[Taps, Taps]:
+    """The weights along s and along t.
+
+    Args:
+        splat: how voxels are spread.
+        shear: the buffer.
+        shape: cells along s and t.
+    """
+    places = shear.slice_places(splat.depths)
+    share = 1.0 / len(splat.depths)
+    along_s = _taps(splat, places[:, 0], places[:, 1], shear.texels[0], shape[0], share)
+    return along_s, _taps(splat, places[:, 0], places[:, 2], shear.texels[1], shape[1], 1.0)
+
+
+def _taps(splat: Splat, a: np.ndarray, b: np.ndarray, texels: int, cells: int, share: float) -> Taps:
+    """Weights of cells, centres at i + ½, on texels at a n + b."""
+    a = a[:, None]
+    place = a * np.arange(texels) + b[:, None]
+    reach = splat.reach(a)
+    count = min(int(np.ceil(2.0 * reach.max())) + 1, cells)
+    first = np.clip(np.ceil(place - reach - 0.5).astype(int), 0, cells - count)
+    u = (place[..., None] - (first[..., None] + np.arange(count) + 0.5)) / a[..., None]
+    weight = splat.weigh(u, a[..., None]) * (share / a[..., None])
+    return Taps(first.astype(np.int32), weight.astype(np.float32))
