@@ -166,3 +166,18 @@ def test_memory_estimate(change):
     simulation, _ = simulate(scene, frames=1)
     allocated = sum(simulation.launcher.allocated.values())
     assert sum(simulation.plan.bytes.values()) == pytest.approx(allocated, rel=0.15)
+
+
+def test_linked_surfaces_cast_the_only_shadows():
+    """A ball left out of a light's shadowLink leaves the floor as if it were not there; in it, it darkens the floor."""
+    ball = ws.Surface(path="/World/Ball", mesh=ws.Mesh.sphere(0.4, segments=16), transform=at(0, 0.8, 0))
+    other = replace(ball, path="/World/Other", transform=at(2, 0.8, 0))
+    lamp = ws.PointLight(path="/World/Lamp", transform=at(0, 4, 0), intensity=40.0)
+
+    def baked(surfaces, shadowed_by):
+        scene = ws.Scene(surfaces=[floor(), *surfaces], lights=[replace(lamp, shadowed_by=shadowed_by)], end=1)
+        return ws.Simulation(scene).step().pictures["/World/Floor", "lit"]
+
+    without = baked([other], None)
+    np.testing.assert_array_equal(baked([ball, other], ("/World/Floor", "/World/Other")), without)
+    assert baked([ball, other], None).sum() < without.sum()

@@ -10,6 +10,7 @@ from warp_smoke.launch import Launcher
 from warp_smoke.plan import LightPlan, Plan, ReceiverPlan, When
 from warp_smoke.plan.passes import buffer_layers
 from warp_smoke.plan.reach import swept_corners
+from warp_smoke.scene import Light
 from warp_smoke.shading.bake import ReceiverBake
 from warp_smoke.shadow.casters import Casters
 from warp_smoke.shadow.methods import SMOKE_SHADOWS, SURFACE_SHADOWS
@@ -36,23 +37,29 @@ class Lighting:
 
         self._maps = {}
         shadowed: dict[str, list[np.ndarray]] = {}
-        self._casters = None
+        # One hierarchy of triangles for all lights that the same surfaces shadow.
+        self._casters: dict[tuple[str, ...] | None, Casters] = {}
         for each in plan.receivers:
             for light in each.lights:
                 if light.surface_shadow:
                     shadowed.setdefault(light.light.path, []).append(corners[each.surface.path] - self.origin)
-        if shadowed:
-            self._casters = Casters(launcher, plan.scene.surfaces, self.origin)
         for each in (light for receiver in plan.receivers for light in receiver.lights):
             path = each.light.path
             if each.surface_shadow and path not in self._maps:
                 points = np.concatenate(shadowed[path])
                 bounds = np.stack([points.min(axis=0), points.max(axis=0)])
-                self._maps[path] = SURFACE_SHADOWS[each.surface_shadow](launcher, each.light, self._casters, bounds)
+                casters = self._casters_of(each.light)
+                self._maps[path] = SURFACE_SHADOWS[each.surface_shadow](launcher, each.light, casters, bounds)
         self._smoke = self._smoke_shadows([light for receiver in plan.receivers for light in receiver.lights])
 
         self._bakes = {each.surface.path: self._bake(each) for each in plan.receivers}
         self.warnings += [warning for bake in self._bakes.values() for warning in bake.warnings]
+
+    def _casters_of(self, light: Light) -> Casters:
+        if light.shadowed_by not in self._casters:
+            surfaces = tuple(s for s in self._plan.scene.surfaces if light.may_be_shadowed_by(s.path))
+            self._casters[light.shadowed_by] = Casters(self._launcher, surfaces, self.origin)
+        return self._casters[light.shadowed_by]
 
     def _smoke_shadows(self, lights: list[LightPlan]) -> dict[tuple[str, str], object]:
         """One for each pair of a light and a domain, whichever receivers share it."""
@@ -95,7 +102,8 @@ class Lighting:
             return {}
         if self._casters:
             with self._timings.measure("place_casters"):
-                self._casters.update(time)
+                for casters in self._casters.values():
+                    casters.update(time)
             with self._timings.measure("trace_shadow_map"):
                 for shadow in self._maps.values():
                     shadow.update(time)

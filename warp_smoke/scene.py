@@ -331,6 +331,8 @@ class Light(Prim):
         smoke_shadow_size: texels along the longer side of the smoke's light buffer; None = matches the domain.
         smoke_shadow_layer: slices of the domain in each layer of the buffer, for receivers inside the smoke; None =
             2, or all where no receiver is inside.
+        illuminates: paths of the surfaces that it lights; None = all (USD: the collection `lightLink`).
+        shadowed_by: paths of the surfaces and domains that cast its shadows; None = all (USD: `shadowLink`).
         smoke_diffusion: r = νΔt/h² of the energy diffusion, h a texel's width.
         smoke_diffuser: paper (one sweep), sweeps or exact.
         smoke_sweeps: Jacobi sweeps (diffuser sweeps); None = ⌈8 r⌉ explicit substeps instead.
@@ -342,6 +344,8 @@ class Light(Prim):
     intensity: float | Samples = 1.0
     normalize: bool = True
     enabled: bool | Samples = True
+    illuminates: tuple[str, ...] | None = None
+    shadowed_by: tuple[str, ...] | None = None
     shadow_enable: bool = True
     shadow_bias: float | None = None
     shadow_slope_bias: float | None = None
@@ -363,6 +367,9 @@ class Light(Prim):
         self._check(at_least, "color", shape=(3,))
         self._check(at_least, "intensity", "smoke_diffusion")
         self._check(switch, "enabled")
+        for name in ("illuminates", "shadowed_by"):
+            if getattr(self, name) is not None:
+                self._store(name, tuple(getattr(self, name)))
         self._check(whole, "shadow_map_size", low=1, high=16384)
         self._check(one_of, "shadow_filter", allowed=SHADOW_FILTERS)
         self._check(one_of, "smoke_shadow", allowed=SMOKE_SHADOWS)
@@ -386,6 +393,14 @@ class Light(Prim):
             self._check(whole, "smoke_shadow_layer", low=1, high=MAX_RESOLUTION)
         if self.smoke_sweeps is not None:
             self._check(whole, "smoke_sweeps", low=1, high=10_000)
+
+    def lights(self, path: str) -> bool:
+        """Whether light linking lets it reach the surface at a path."""
+        return self.illuminates is None or path in self.illuminates
+
+    def may_be_shadowed_by(self, path: str) -> bool:
+        """Whether light linking lets the surface or domain at a path shadow it."""
+        return self.shadowed_by is None or path in self.shadowed_by
 
     def position_at(self, time: float) -> np.ndarray:
         """World position, [3] float64."""

@@ -242,3 +242,25 @@ def test_plan_reads_well():
     text = str(plan)
     assert all(each.name in text and each.why in text for each in plan.passes)
     assert all(out.why in text for out in plan.left_out)
+
+
+def test_light_linking():
+    """A light linked past a floor does not shade it; one that smoke or a caster is not linked to has no such shadow."""
+    scene = plume()
+    ball = ws.Surface(path="/World/Ball", mesh=ws.Mesh.sphere(0.2, segments=8), transform=at(0, 1, 0))
+    scene = replace(scene, surfaces=[*scene.surfaces, ball])
+    path = scene.lights[0].path
+
+    def plan(**links):
+        return ws.make_plan(replace(scene, lights=[replace(scene.lights[0], **links)]))
+
+    assert {"surface_visibility", "smoke_transmittance", "shade_light"} <= kept(plan())
+    assert "shade_light" not in kept(plan(illuminates=("/World/Ball",)))
+    why = reasons(plan(illuminates=()), "shade_light")
+    assert why == {("/World/Floor", path): "its lightLink leaves the surface out"}
+    smokeless = plan(shadowed_by=("/World/Ball",))
+    assert "surface_visibility" in kept(smokeless)
+    assert "smoke_transmittance" not in kept(smokeless)
+    only_smoke = plan(shadowed_by=("/World/Smoke",))
+    assert "smoke_transmittance" in kept(only_smoke)
+    assert "surface_visibility" not in kept(only_smoke)

@@ -3,8 +3,10 @@ import pytest
 from pxr import UsdLux
 from stage_text import scene_of
 
+from warp_smoke.geometry import Mesh
 from warp_smoke.record import Samples
-from warp_smoke.scene import DistantLight, PointLight, SpotLight
+from warp_smoke.scene import DistantLight, PointLight, Scene, SpotLight, Surface
+from warp_smoke.usd.author import author_scene
 
 # The values that UsdLux itself falls back to.
 LUX = {"normalize": False, "intensity": 1.0}
@@ -159,15 +161,64 @@ def test_invisible_lights_are_off(tmp_path):
     assert light.enabled == Samples([1, 3], [False, True])
 
 
+LINKED = """def Xform "Group" {
+    def Cube "A" { }
+    def Cube "B" { }
+}
+def Cube "C" { }
+def Cube "Smoke" ( apiSchemas = ["SmokeDomainAPI"] ) { token purpose = "guide" }
+def PointInstancer "P" {
+    rel prototypes = </World/P/D>
+    int[] protoIndices = [0]
+    point3f[] positions = [(0, 0, 0)]
+    def Cube "D" { }
+}
+def SphereLight "L" { %s }"""
+A, B, C, D = "/World/Group/A", "/World/Group/B", "/World/C", "/World/P/Instance0/D"
+
+
+@pytest.mark.parametrize(
+    ("collection", "members"),
+    [
+        ("", None),
+        ("rel %s:excludes = </World/Group/A>", (B, C, D, "/World/Smoke")),
+        ("rel %s:excludes = </World/Elsewhere>", None),
+        ("uniform bool %s:includeRoot = 0\nrel %s:includes = [</World/Group>, </World/P>]", (A, B, D)),
+        (
+            "uniform bool %s:includeRoot = 0\nrel %s:includes = </World/Group>\nrel %s:excludes = </World/Group/B>",
+            (A,),
+        ),
+        ('uniform token %s:expansionRule = "explicitOnly"\nrel %s:includes = </World/C>', (C,)),
+        ("uniform bool %s:includeRoot = 0", ()),
+    ],
+)
+@pytest.mark.parametrize(("name", "field"), [("lightLink", "illuminates"), ("shadowLink", "shadowed_by")])
+def test_light_linking(tmp_path, collection, members, name, field):
+    """What the collections include, by group and by instancer too, is what the light reaches or is shadowed by."""
+    scene = scene_of(tmp_path, LINKED % collection.replace("%s", f"collection:{name}"))
+    (light,) = scene.lights
+    assert scene.warnings == ()
+    assert getattr(light, field) == members
+    assert {light.illuminates, light.shadowed_by} == {None, members}
+
+
+def test_linked_lights_are_written_again(tmp_path):
+    """Light linking survives the way to a file and back."""
+    ball = Mesh.sphere(segments=8)
+    surfaces = [Surface(path=f"/World/{name}", mesh=ball) for name in "AB"]
+    lights = [
+        PointLight(path="/World/L", illuminates=("/World/B",), shadowed_by=()),
+        PointLight(path="/World/M"),
+    ]
+    author_scene(Scene(surfaces=surfaces, lights=lights), tmp_path / "linked.usda")
+    assert list(Scene.open(tmp_path / "linked.usda").lights) == lights
+
+
 @pytest.mark.parametrize(
     ("prim", "warning"),
     [
         ('def SphereLight "L" { float inputs:diffuse = 0.5 }', "inputs:diffuse is not supported; it has no effect"),
         ('def SphereLight "L" { float inputs:diffuse = 1 }', None),
-        (
-            'def SphereLight "L" { rel collection:lightLink:excludes = </World> }',
-            "collection:lightLink is not supported; the light reaches everything",
-        ),
         ('def SphereLight "L" { rel light:filters = </World> }', "light:filters is not supported; it has no effect"),
         (
             'def SphereLight "L" ( apiSchemas = ["ShadowAPI"] ) { color3f inputs:shadow:color = (1, 0, 0) }',

@@ -58,7 +58,9 @@ class _Receiver:
         path = self.surface.path
         reaching = []
         for light in lights:
-            if in_range(light, self.corners, self.scene.frames):
+            if not light.lights(path):
+                self.ledger.omit("shade_light", (path, light.path), "its lightLink leaves the surface out")
+            elif in_range(light, self.corners, self.scene.frames):
                 reaching.append(self._light(light))
             else:
                 self.ledger.omit("shade_light", (path, light.path), f"{path} lies beyond its falloffEnd")
@@ -121,6 +123,8 @@ class _Receiver:
 
     def _may_cast(self, caster: Surface, light: Light) -> bool:
         frames = self.scene.frames
+        if not light.may_be_shadowed_by(caster.path):
+            return False
         if not np.any(over(caster.visible, frames)) or (caster is self.surface and is_flat(caster)):
             return False
         return may_shadow(light, swept_corners(caster, frames), self.corners, frames)
@@ -140,6 +144,9 @@ class _Receiver:
         for each in self.domains:
             if not each.domain.dims_light:
                 why = "extinction is 0, so its smoke casts no shadow"
+                self.ledger.omit("project_smoke", (each.domain.path, *pair), why)
+            elif not light.may_be_shadowed_by(each.domain.path):
+                why = f"the shadowLink of {light.path} leaves the smoke out"
                 self.ledger.omit("project_smoke", (each.domain.path, *pair), why)
             elif not may_shadow(light, _box_corners(each.lattice), self.corners, self.scene.frames):
                 why = "its smoke never stands between the light and the surface"

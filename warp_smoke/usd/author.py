@@ -266,9 +266,19 @@ def _author_light(stage: Usd.Stage, light: Light) -> None:
         _set(prim.GetAttribute(LIGHT[name]), getattr(light, name))
     if not light.shadow_enable:
         UsdLux.ShadowAPI.Apply(prim).CreateShadowEnableAttr(False)
+    api = UsdLux.LightAPI(prim)
+    _author_members(api.GetLightLinkCollectionAPI(), light.illuminates)
+    _author_members(api.GetShadowLinkCollectionAPI(), light.shadowed_by)
     _author_visibility(prim, light.enabled)
     _author_transform(prim, light)
     _author_smoke_fields(prim, "SmokeLightAPI", light)
+
+
+def _author_members(collection: Usd.CollectionAPI, paths: tuple[str, ...] | None) -> None:
+    """Makes a light's collection hold these prims alone; None leaves it as it is, with everything in it."""
+    if paths is not None:
+        collection.CreateIncludeRootAttr(False)
+        collection.CreateIncludesRel().SetTargets([Sdf.Path(path) for path in paths])
 
 
 def _author_camera(stage: Usd.Stage, camera: Camera) -> None:

@@ -20,6 +20,8 @@ LIGHT = {
     "intensity": "inputs:intensity",
     "normalize": "inputs:normalize",
     "enabled": "visibility",
+    "illuminates": "collection:lightLink:includes",
+    "shadowed_by": "collection:shadowLink:includes",
     "shadow_enable": "inputs:shadow:enable",
     "transform": TRANSFORM,
     "direction": TRANSFORM,

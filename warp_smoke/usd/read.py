@@ -18,7 +18,7 @@ from warp_smoke.scene import Collider, Emitter, Light, Scene, SmokeDomain, Surfa
 from warp_smoke.usd.names import STAGE, TRANSFORM
 from warp_smoke.usd.read_camera import read_camera
 from warp_smoke.usd.read_instances import InstanceReader, instanced_prims
-from warp_smoke.usd.read_light import is_ambient, read_ambient, read_light
+from warp_smoke.usd.read_light import is_ambient, link_light, read_ambient, read_light
 from warp_smoke.usd.read_material import MaterialReader
 from warp_smoke.usd.read_mesh import has_geometry, read_geometry
 from warp_smoke.usd.read_smoke import read_collider, read_domain, read_emitter, read_receiver, stray_attributes
@@ -96,7 +96,7 @@ def read_stage(stage: Usd.Stage, file: str) -> Scene:
         emitters=contents.emitters,
         colliders=contents.colliders,
         surfaces=contents.surfaces,
-        lights=contents.lights,
+        lights=contents.linked_lights(),
         camera=read_camera(reader, cameras[0]) if cameras else None,
         ambient=tuple(map(float, contents.ambient)),
         warnings=reader.warnings,
@@ -113,7 +113,7 @@ class _Contents:
         self.emitters: list[Emitter] = []
         self.colliders: list[Collider] = []
         self.surfaces: list[Surface] = []
-        self.lights: list[Light] = []
+        self._lights: list[tuple[Usd.Prim, Light]] = []
         self.cameras: list[Usd.Prim] = []
         self.ambient = np.zeros(3)
 
@@ -141,13 +141,18 @@ class _Contents:
         elif prim.HasAPI(UsdLux.LightAPI):
             light = read_light(reader, prim)
             if light:
-                self.lights.append(light)
+                self._lights.append((prim, light))
         elif prim.IsA(UsdGeom.Camera) and not instanced:
             self.cameras.append(prim)
         elif prim.GetTypeName() == "SkelRoot":
             reader.warn(prim, "skinning is not supported; meshes keep their points")
         elif prim.IsA(UsdGeom.Boundable) and prim.GetTypeName() != "Skeleton" and _seen(reader, prim):
             reader.warn(prim, f"a {prim.GetTypeName()} is not supported; it is left out")
+
+    def linked_lights(self) -> list[Light]:
+        """The lights, once everything else is there that they may be linked to."""
+        paths = [record.path for record in (*self.surfaces, *self.domains)]
+        return [link_light(prim, light, paths) for prim, light in self._lights]
 
     def _add_geometry(self, reader: StageReader, prim: Usd.Prim, applied: set[str]) -> None:
         emits, collides, receives = (f"Smoke{role}API" in applied for role in ("Emitter", "Collider", "Receiver"))

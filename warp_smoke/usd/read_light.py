@@ -4,7 +4,8 @@ Exposure and colour temperature are folded into intensity and colour. Rect, Disk
 the same area, so that they give off the same power.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from pxr import Usd, UsdGeom, UsdLux
@@ -89,6 +90,23 @@ def read_ambient(reader: StageReader, prim: Usd.Prim) -> np.ndarray:
         return intensity * np.array(at_least(path, "color", _read_color(reader, prim), shape=(3,)))
 
 
+def link_light(prim: Usd.Prim, light: Light, paths: Sequence[str]) -> Light:
+    """The light with what its `lightLink` and `shadowLink` say of the surfaces and domains at some paths."""
+    api = UsdLux.LightAPI(prim)
+    return replace(
+        light,
+        illuminates=_members(api.GetLightLinkCollectionAPI(), paths),
+        shadowed_by=_members(api.GetShadowLinkCollectionAPI(), paths),
+    )
+
+
+def _members(collection: Usd.CollectionAPI, paths: Sequence[str]) -> tuple[str, ...] | None:
+    """Those of the paths that a collection includes, None if it includes them all."""
+    query = collection.ComputeMembershipQuery()
+    members = tuple(path for path in paths if query.IsPathIncluded(path))
+    return None if len(members) == len(paths) else members
+
+
 def _read_color(reader: StageReader, prim: Usd.Prim) -> tuple[float, ...]:
     color = reader.still(prim.GetAttribute(LIGHT["color"]))
     if not reader.still(prim.GetAttribute("inputs:enableColorTemperature")):
@@ -116,12 +134,6 @@ def _warn_without_effect(reader: StageReader, prim: Usd.Prim) -> None:
     light = UsdLux.LightAPI(prim)
     if light.GetFiltersRel().GetTargets():
         reader.warn(prim, "light:filters is not supported; it has no effect")
-    for name, collection in (
-        ("lightLink", light.GetLightLinkCollectionAPI()),
-        ("shadowLink", light.GetShadowLinkCollectionAPI()),
-    ):
-        if collection.GetIncludesRel().GetTargets() or collection.GetExcludesRel().GetTargets():
-            reader.warn(prim, f"collection:{name} is not supported; the light reaches everything")
 
 
 def _lengths(reader: StageReader, prim: Usd.Prim, *names: str) -> list[float]:
