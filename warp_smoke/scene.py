@@ -10,6 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from warp_smoke.geometry import Mesh
+from warp_smoke.material import WRAP_MODES as WRAP_MODES
+from warp_smoke.material import Material as Material
+from warp_smoke.material import Procedural as Procedural
+from warp_smoke.material import Texture as Texture
 from warp_smoke.record import (
     FieldError,
     Record,
@@ -37,7 +41,6 @@ SMOKE_SHADOWS = ("march", "nearest", "bilinear", "gaussian", "footprint", "dpd",
 SMOKE_DIFFUSERS = ("paper", "sweeps", "exact")
 SMOKE_PROJECTIONS = ("parallel", "rays")
 SMOKE_COMPOSITINGS = ("opacity", "transmittance")
-WRAP_MODES = ("repeat", "clamp", "mirror", "black")
 MAX_RESOLUTION = 4096
 MAX_DIFFUSION = 1000.0
 
@@ -214,59 +217,6 @@ class Collider(Prim):
     def __post_init__(self):
         super().__post_init__()
         self._check(at_least, "thickness")
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Texture(Record):
-    """A picture on a surface (USD: `UsdUVTexture`).
-
-    Attributes:
-        file: absolute path.
-        wrap_s, wrap_t: repeat, clamp, mirror or black.
-        color_space: of the file: sRGB, raw, or auto (sRGB for 8-bit colour).
-        scale, bias: value = file · scale + bias, RGBA.
-    """
-
-    file: str
-    wrap_s: str = "repeat"
-    wrap_t: str = "repeat"
-    color_space: str = "auto"
-    scale: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    bias: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-
-    def __post_init__(self):
-        one_of(self.file, "wrap_s", self.wrap_s, WRAP_MODES)
-        one_of(self.file, "wrap_t", self.wrap_t, WRAP_MODES)
-        one_of(self.file, "color_space", self.color_space, ("auto", "sRGB", "raw"))
-        self._store("scale", finite(self.file, "scale", self.scale, (4,)))
-        self._store("bias", finite(self.file, "bias", self.bias, (4,)))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Material(Record):
-    """How a surface reflects (Blinn-Phong with Schlick's Fresnel term); colours are linear RGB.
-
-    Attributes:
-        path: prim path.
-        diffuse_color, diffuse_texture: the texture, where there is one, stands in for the colour.
-        fresnel_r0: reflectance at normal incidence.
-        roughness: 0 to 1; the Blinn-Phong exponent is 256 (1 − roughness).
-        emissive_color: light the surface gives off.
-    """
-
-    path: str = "/Default"
-    diffuse_color: tuple[float, float, float] = (0.18, 0.18, 0.18)
-    diffuse_texture: Texture | None = None
-    fresnel_r0: tuple[float, float, float] = (0.01, 0.01, 0.01)
-    roughness: float = 0.5
-    emissive_color: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def __post_init__(self):
-        for name in ("diffuse_color", "fresnel_r0", "emissive_color"):
-            self._store(name, at_least(self.path, name, getattr(self, name), shape=(3,)))
-        self._store("roughness", at_least(self.path, "roughness", self.roughness))
-        if self.roughness > 1:
-            raise FieldError(self.path, "roughness", self.roughness, "0 to 1")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

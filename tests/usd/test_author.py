@@ -6,6 +6,7 @@ from PIL import Image
 from pxr import Usd, UsdGeom
 
 from warp_smoke.geometry import Mesh, normalized
+from warp_smoke.material import GLOSS_ROLES, PARALLAXES, PROCEDURALS, REFLECTIONS
 from warp_smoke.record import Samples
 from warp_smoke.scene import (
     ADVECTION_SCHEMES,
@@ -27,6 +28,7 @@ from warp_smoke.scene import (
     Emitter,
     Material,
     PointLight,
+    Procedural,
     Receiver,
     Scene,
     SmokeDomain,
@@ -53,7 +55,10 @@ def changing(draw, values):
     times = draw(st.lists(st.integers(-40, 400), min_size=2, max_size=4, unique=True))
     samples = np.array([draw(values) for _ in times])
     if np.all(samples == samples[0]):
-        samples[-1] = ~samples[-1] if samples.dtype == bool else samples[-1] + 1
+        if samples.ndim == 3:
+            samples[-1, 3, :3] += 1  # of a matrix: moved, not sheared
+        else:
+            samples[-1] = ~samples[-1] if samples.dtype == bool else samples[-1] + 1
     return Samples(np.sort(times) / 4, samples)
 
 
@@ -174,8 +179,36 @@ textures = optional(
     color_space=st.sampled_from(("auto", "sRGB", "raw")),
     scale=vectors(4, numbers()),
     bias=vectors(4, numbers()),
+    uv_scale=vectors(2, numbers()),
+    uv_rotation=numbers(),
+    uv_translation=vectors(2, numbers()),
 )
-material_fields = optional(diffuse_color=colors, fresnel_r0=colors, roughness=numbers(0, 1), emissive_color=colors)
+channels = st.sampled_from(("r", "g", "b", "a"))
+procedurals = st.builds(
+    Procedural,
+    kind=st.sampled_from(PROCEDURALS),
+    size=st.integers(1, 8192),
+    color1=colors,
+    color2=colors,
+    zoom=positive,
+    center=vectors(2, numbers()),
+    max_iterations=st.integers(1, 128),
+    repeats=st.integers(1, 4096),
+)
+material_fields = optional(
+    diffuse_color=colors,
+    fresnel_r0=colors,
+    roughness=numbers(0, 1),
+    emissive_color=colors,
+    reflection=st.sampled_from(REFLECTIONS),
+    gloss=st.sampled_from(GLOSS_ROLES),
+    parallax=st.sampled_from(PARALLAXES),
+    parallax_scale=numbers(),
+    parallax_bias=numbers(),
+    procedural=procedurals,
+)
+# As the specification asks of a normal map, so that there is nothing to warn of.
+directions = {"color_space": "raw", "scale": (2.0, 2.0, 2.0, 1.0), "bias": (-1.0, -1.0, -1.0, 0.0)}
 camera_fields = optional(
     transform=transforms,
     focal_length=positive,
@@ -218,8 +251,15 @@ def scenes(draw, picture):
     roles = sorted(draw(st.lists(st.sets(st.sampled_from("ecs"), min_size=1), max_size=3)), key=first_written)
     materials = [Material(path=path(), **draw(material_fields)) for _ in some()]
     if draw(st.booleans()):
-        texture = Texture(file=str(picture), **draw(textures))
-        materials.append(Material(path=path(), diffuse_texture=texture, **draw(material_fields)))
+        data = {
+            field: Texture(file=str(picture), **draw(textures), channel=draw(channels))
+            for field in draw(st.sets(st.sampled_from(("height_texture", "roughness_texture"))))
+        }
+        look = {
+            "diffuse_texture": Texture(file=str(picture), **draw(textures)),
+            "normal_texture": Texture(file=str(picture), **(draw(textures) | directions)),
+        }
+        materials.append(Material(path=path(), **look, **data, **draw(material_fields)))
     emitters, colliders, surfaces = [], [], []
     for role in roles:
         place = {"path": path(), "transform": draw(transforms), "mesh": draw(meshes())}

@@ -3,7 +3,9 @@ import pytest
 from PIL import Image
 from stage_text import QUAD, scene_of
 
-from warp_smoke.scene import Material, Texture
+from warp_smoke.scene import Material, Procedural, Texture
+
+BROKEN_BINDING = "rel material:binding = </World/Gone>"
 
 
 def with_material(surface, more=""):
@@ -29,6 +31,12 @@ def texture(inputs, output="rgb"):
         float3 outputs:rgb
         float outputs:r }}""",
     )
+
+
+TRANSFORMED = texture("asset inputs:file = @./picture.png@\nfloat2 inputs:st.connect = </World/M/U.outputs:result>")
+BROKEN_TRANSFORM = """def Shader "U" { uniform token info:id = "UsdTransform2d"
+        float2 inputs:scale = (inf, 1)
+        float2 outputs:result }"""
 
 
 @pytest.fixture
@@ -125,6 +133,103 @@ def test_texture(tmp_path, picture):
     )
 
 
+def test_textures_of_relief_and_gloss(tmp_path, picture):
+    """A normal map, heights in its alpha, and a roughness that is one minus the alpha of another: packed textures."""
+    material, warnings = material_of(
+        tmp_path,
+        """normal3f inputs:normal.connect = </World/M/N.outputs:rgb>
+        float inputs:displacement.connect = </World/M/H.outputs:a>
+        float inputs:roughness = 0.3
+        float inputs:roughness.connect = </World/M/G.outputs:a>""",
+        "".join(
+            f"""def Shader "{name}" {{
+            uniform token info:id = "UsdUVTexture"
+            asset inputs:file = @./picture.png@
+            token inputs:wrapS = "repeat"
+            token inputs:wrapT = "repeat"
+            token inputs:sourceColorSpace = "raw"
+            float4 inputs:scale = {scale}
+            float4 inputs:bias = {bias}
+            {output} }}\n"""
+            for name, scale, bias, output in (
+                ("N", "(2, 2, 2, 1)", "(-1, -1, -1, 0)", "float3 outputs:rgb"),
+                ("H", "(1, 1, 1, 1)", "(0, 0, 0, 0)", "float outputs:a"),
+                ("G", "(1, 1, 1, -1)", "(0, 0, 0, 1)", "float outputs:a"),
+            )
+        ),
+    )
+    assert warnings == ()
+    raw = {"file": str(picture), "color_space": "raw"}
+    assert material == Material(
+        path="/World/M",
+        fresnel_r0=(0.04, 0.04, 0.04),
+        roughness=0.3,
+        normal_texture=Texture(scale=(2, 2, 2, 1), bias=(-1, -1, -1, 0), **raw),
+        height_texture=Texture(channel="a", **raw),
+        roughness_texture=Texture(channel="a", scale=(1, 1, 1, -1), bias=(0, 0, 0, 1), **raw),
+    )
+
+
+@pytest.mark.usefixtures("picture")
+def test_texture_transform(tmp_path):
+    """What a UsdTransform2d does to the coordinates."""
+    transform = """def Shader "U" { uniform token info:id = "UsdTransform2d"
+        float2 inputs:scale = (4, 2)
+        float inputs:rotation = 90
+        float2 inputs:translation = (0.5, 0.25)
+        float2 outputs:result }"""
+    material, warnings = material_of(tmp_path, TRANSFORMED[0], TRANSFORMED[1] + transform)
+    assert warnings == ()
+    found = material.diffuse_texture
+    assert (found.uv_scale, found.uv_rotation, found.uv_translation) == ((4.0, 2.0), 90.0, (0.5, 0.25))
+
+
+def test_what_usd_cannot_say(tmp_path):
+    """SmokeMaterialAPI sets the reflection, what gloss and heights do, and a computed picture."""
+    prims = with_material("").replace(
+        'def Material "M" {',
+        """def Material "M" ( prepend apiSchemas = ["SmokeMaterialAPI"] ) {
+        uniform token smoke:reflection = "energyConserving"
+        uniform token smoke:gloss = "factor"
+        uniform token smoke:parallax = "occlusion"
+        uniform float smoke:parallaxScale = 0.1
+        uniform float smoke:parallaxBias = -0.05
+        uniform token smoke:procedural = "mandelbrot"
+        uniform int smoke:proceduralMaxIterations = 99
+        uniform float2 smoke:proceduralCenter = (-0.5, 0.25)""",
+    )
+    scene = scene_of(tmp_path, prims)
+    assert scene.warnings == ()
+    assert scene.surfaces[0].material == Material(
+        path="/World/M",
+        fresnel_r0=(0.04, 0.04, 0.04),
+        reflection="energyConserving",
+        gloss="factor",
+        parallax="occlusion",
+        parallax_scale=0.1,
+        parallax_bias=-0.05,
+        procedural=Procedural(kind="mandelbrot", max_iterations=99, center=(-0.5, 0.25)),
+    )
+
+
+def test_procedural_settings_without_a_kind_are_warned_of(tmp_path):
+    """A zoom alone computes no picture."""
+    prims = with_material("").replace(
+        'def Material "M" {',
+        'def Material "M" ( prepend apiSchemas = ["SmokeMaterialAPI"] ) {\nuniform float smoke:proceduralZoom = 3',
+    )
+    scene = scene_of(tmp_path, prims)
+    assert scene.warnings == ("/World/M: smoke:proceduralZoom has no effect, since smoke:procedural is unset",)
+
+
+def test_a_binding_to_nothing_is_warned_of(tmp_path):
+    """A material that is not there is named; the mesh is grey."""
+    scene = scene_of(tmp_path, with_material("").replace("rel material:binding = </World/M>", BROKEN_BINDING))
+    assert scene.surfaces[0].material is None
+    text = "/World/A: material:binding names /World/Gone, which is no material; it is read as grey"
+    assert scene.warnings == (text,)
+
+
 @pytest.mark.usefixtures("picture")
 def test_texture_without_wrap_modes_is_black_outside(tmp_path):
     """As UsdPreviewSurface's specification says for useMetadata, its default, and a file that has none."""
@@ -139,12 +244,36 @@ def test_texture_without_wrap_modes_is_black_outside(tmp_path):
         (("float inputs:opacity = 0.5",), "/World/M/S: inputs:opacity is not supported; it has no effect"),
         (("normal3f inputs:normal = (0, 0, 1)\nfloat inputs:opacity = 1",), None),
         (
-            ("float inputs:roughness.connect = </World/M/T.outputs:r>", texture("")[1]),
-            "/World/M/S: a texture on inputs:roughness is not supported; its default is used",
+            ("float inputs:ior.connect = </World/M/T.outputs:r>", texture("")[1]),
+            "/World/M/S: a texture on inputs:ior is not supported; its default is used",
         ),
         (
-            ("normal3f inputs:normal.connect = </World/M/T.outputs:rgb>", texture("")[1]),
-            "/World/M/S: inputs:normal is not supported; it has no effect",
+            ("normal3f inputs:normal = (0, 1, 0)",),
+            "/World/M/S: inputs:normal without a texture is not supported; it has no effect",
+        ),
+        (
+            ("float inputs:displacement = 0.5",),
+            "/World/M/S: inputs:displacement without a texture is not supported; it has no effect",
+        ),
+        (
+            (
+                "normal3f inputs:normal.connect = </World/M/T.outputs:rgb>",
+                texture("asset inputs:file = @./picture.png@")[1],
+            ),
+            "/World/M/S: scale and bias of the normal map are (1.0, 1.0, 1.0) and (0.0, 0.0, 0.0); (2, 2, 2) and "
+            "(-1, -1, -1) make directions of 8 bits",
+        ),
+        (
+            (
+                "normal3f inputs:normal.connect = </World/M/T.outputs:rgb>",
+                texture(
+                    """asset inputs:file = @./picture.png@
+                    token inputs:sourceColorSpace = "sRGB"
+                    float4 inputs:scale = (2, 2, 2, 1)
+                    float4 inputs:bias = (-1, -1, -1, 0)"""
+                )[1],
+            ),
+            "/World/M/S: the normal map is marked as sRGB; directions are stored raw",
         ),
         (
             (
@@ -167,9 +296,12 @@ def test_texture_without_wrap_modes_is_black_outside(tmp_path):
                 texture("")[0],
                 texture("""asset inputs:file = @./picture.png@
                 float2 inputs:st.connect = </World/M/U.outputs:result>""")[1]
-                + 'def Shader "U" { uniform token info:id = "UsdTransform2d"\nfloat2 outputs:result }',
+                + """def Shader "U" { uniform token info:id = "UsdTransform2d"
+                float2 inputs:in.connect = </World/M/V.outputs:result>
+                float2 outputs:result }
+                def Shader "V" { uniform token info:id = "UsdTransform2d"\nfloat2 outputs:result }""",
             ),
-            "/World/M/U: UsdTransform2d is not supported; it has no effect",
+            "/World/M/V: a UsdTransform2d before another one is not supported; it has no effect",
         ),
         (
             (
@@ -249,6 +381,10 @@ def test_materials_of_face_subsets_are_warned_of(tmp_path):
         (
             texture('asset inputs:file = @./picture.png@\ntoken inputs:sourceColorSpace = "ACES"'),
             "/World/M/T: inputs:sourceColorSpace is ACES; allowed: auto, sRGB, raw",
+        ),
+        (
+            (TRANSFORMED[0], TRANSFORMED[1] + BROKEN_TRANSFORM),
+            "/World/M/U: inputs:scale is (inf, 1.0); allowed: 2 finite numbers",
         ),
     ],
 )

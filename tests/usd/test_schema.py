@@ -9,9 +9,11 @@ import pytest
 from pxr import Sdf
 from stage_text import write_stage
 
+from warp_smoke import material
 from warp_smoke import scene as records
+from warp_smoke.material import Material, Procedural
 from warp_smoke.scene import Collider, DistantLight, Emitter, PointLight, Prim, Receiver, SmokeDomain, SpotLight
-from warp_smoke.usd.names import LIGHT, smoke_attribute, smoke_fields
+from warp_smoke.usd.names import LIGHT, PROCEDURAL, smoke_attribute, smoke_fields
 from warp_smoke.usd.schema import SCHEMA_FOLDER, register_schema, schema_attributes
 
 RECORDS = {
@@ -83,7 +85,31 @@ def test_every_attribute_is_described():
 def test_plugin_declares_every_schema():
     """plugInfo.json and generatedSchema.usda name the same schemas."""
     types = json.loads((SCHEMA_FOLDER / "plugInfo.json").read_text())["Plugins"][0]["Info"]["Types"]
-    assert {one["schemaIdentifier"] for one in types.values()} == set(schema_attributes()) == set(RECORDS)
+    schemas = {*RECORDS, "SmokeMaterialAPI"}
+    assert {one["schemaIdentifier"] for one in types.values()} == set(schema_attributes()) == schemas
+
+
+def test_materials_agree_with_their_records():
+    """Each attribute of SmokeMaterialAPI is a field of Material or Procedural, with its default and tokens."""
+    attributes = schema_attributes()["SmokeMaterialAPI"]
+    defaults = {smoke_attribute(field.name): field.default for field in fields(Material)}
+    defaults |= {PROCEDURAL[field.name]: field.default for field in fields(Procedural)}
+    tokens = {
+        "smoke:reflection": material.REFLECTIONS,
+        "smoke:gloss": material.GLOSS_ROLES,
+        "smoke:parallax": material.PARALLAXES,
+        "smoke:procedural": material.PROCEDURALS,
+    }
+    assert set(PROCEDURAL.values()) < set(attributes)
+    for name, attribute in attributes.items():
+        if name == "smoke:procedural":
+            assert attribute.default is None
+        elif isinstance(defaults[name], float):
+            assert attribute.default == pytest.approx(defaults[name], rel=1e-6)
+        else:
+            shown = attribute.default
+            assert (tuple(shown) if isinstance(defaults[name], tuple) else shown) == defaults[name]
+        assert tuple(attribute.allowed_tokens or ()) == tokens.get(name, ())
 
 
 def test_registered_schema_gives_a_prim_its_attributes():

@@ -28,11 +28,17 @@ from warp_smoke.scene import (
     Surface,
     Texture,
 )
-from warp_smoke.usd.names import CAMERA, LIGHT, MATERIAL, TEXTURE, smoke_fields
+from warp_smoke.usd.names import CAMERA, LIGHT, MATERIAL, PROCEDURAL, TEXTURE, TRANSFORM_2D, smoke_fields
 from warp_smoke.usd.prims import free_path
 from warp_smoke.usd.schema import register_schema, schema_attributes
 
 ROOT = "/World"
+TEXTURED_INPUTS = {
+    "diffuse_texture": Sdf.ValueTypeNames.Color3f,
+    "roughness_texture": Sdf.ValueTypeNames.Float,
+    "normal_texture": Sdf.ValueTypeNames.Normal3f,
+    "height_texture": Sdf.ValueTypeNames.Float,
+}
 
 
 def author_scene(scene: Scene, path: str | Path) -> None:
@@ -226,28 +232,60 @@ def _author_material(stage: Usd.Stage, material: Material, folder: Path) -> None
     color, number = Sdf.ValueTypeNames.Color3f, Sdf.ValueTypeNames.Float
     for field, kind in (("fresnel_r0", color), ("emissive_color", color), ("roughness", number)):
         surface.CreateInput(MATERIAL[field].removeprefix("inputs:"), kind).Set(getattr(material, field))
-    diffuse = surface.CreateInput("diffuseColor", color)
-    diffuse.Set(material.diffuse_color)
-    if material.diffuse_texture is not None:
-        texture = _author_texture(stage, material, material.diffuse_texture, folder)
-        diffuse.ConnectToSource(texture.ConnectableAPI(), "rgb")
+    surface.CreateInput("diffuseColor", color).Set(material.diffuse_color)
+    for field, kind in TEXTURED_INPUTS.items():
+        texture = getattr(material, field)
+        if texture is not None:
+            shader = _author_texture(stage, material, field, texture, folder)
+            given = surface.CreateInput(MATERIAL[field].removeprefix("inputs:"), kind)
+            given.ConnectToSource(shader.ConnectableAPI(), texture.channel)
+    _author_material_fields(prim.GetPrim(), material)
 
 
-def _author_texture(stage: Usd.Stage, material: Material, texture: Texture, folder: Path) -> UsdShade.Shader:
+def _author_material_fields(prim: Usd.Prim, material: Material) -> None:
+    """What `SmokeMaterialAPI` holds, if any of it differs from the defaults."""
+    definitions = schema_attributes()["SmokeMaterialAPI"]
+    authored = {}
+    defaults = {field.name: field.default for field in fields(Material)}
+    for field, name in smoke_fields(Material, definitions).items():
+        if field != "procedural" and getattr(material, field) != defaults[field]:
+            authored[name] = getattr(material, field)
+    if material.procedural is not None:
+        authored |= {name: getattr(material.procedural, field) for field, name in PROCEDURAL.items()}
+    if authored:
+        prim.AddAppliedSchema("SmokeMaterialAPI")
+    for name, value in authored.items():
+        prim.CreateAttribute(name, definitions[name].value_type, False, definitions[name].variability).Set(value)
+
+
+def _author_texture(
+    stage: Usd.Stage, material: Material, field: str, texture: Texture, folder: Path
+) -> UsdShade.Shader:
     reader = UsdShade.Shader.Define(stage, f"{material.path}/TextureCoordinates")
     reader.CreateIdAttr("UsdPrimvarReader_float2")
     reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
-    shader = UsdShade.Shader.Define(stage, f"{material.path}/DiffuseTexture")
+    name = "".join(word.capitalize() for word in field.split("_"))
+    coordinates = reader
+    if (texture.uv_scale, texture.uv_rotation, texture.uv_translation) != ((1.0, 1.0), 0.0, (0.0, 0.0)):
+        coordinates = UsdShade.Shader.Define(stage, f"{material.path}/{name}Coordinates")
+        coordinates.CreateIdAttr("UsdTransform2d")
+        pair, number = Sdf.ValueTypeNames.Float2, Sdf.ValueTypeNames.Float
+        coordinates.CreateInput("in", pair).ConnectToSource(reader.ConnectableAPI(), "result")
+        for part, attribute in TRANSFORM_2D.items():
+            kind = number if part == "uv_rotation" else pair
+            coordinates.CreateInput(attribute.removeprefix("inputs:"), kind).Set(getattr(texture, part))
+    shader = UsdShade.Shader.Define(stage, f"{material.path}/{name}")
     shader.CreateIdAttr("UsdUVTexture")
-    coordinates = shader.CreateInput("st", Sdf.ValueTypeNames.Float2)
-    coordinates.ConnectToSource(reader.ConnectableAPI(), "result")
+    given = shader.CreateInput("st", Sdf.ValueTypeNames.Float2)
+    given.ConnectToSource(coordinates.ConnectableAPI(), "result")
     file = Path(os.path.relpath(texture.file, folder)).as_posix()
     values = {"file": Sdf.AssetPath(file if file.startswith("../") else f"./{file}")}
     kinds = {"file": Sdf.ValueTypeNames.Asset, "scale": Sdf.ValueTypeNames.Float4, "bias": Sdf.ValueTypeNames.Float4}
-    for field, name in TEXTURE.items():
-        given = shader.CreateInput(name.removeprefix("inputs:"), kinds.get(field, Sdf.ValueTypeNames.Token))
-        given.Set(values.get(field, getattr(texture, field)))
-    shader.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
+    for part, attribute in TEXTURE.items():
+        given = shader.CreateInput(attribute.removeprefix("inputs:"), kinds.get(part, Sdf.ValueTypeNames.Token))
+        given.Set(values.get(part, getattr(texture, part)))
+    output = Sdf.ValueTypeNames.Float3 if texture.channel == "rgb" else Sdf.ValueTypeNames.Float
+    shader.CreateOutput(texture.channel, output)
     return shader
 
 

@@ -36,7 +36,10 @@ MATERIAL = {
     "diffuse_texture": "inputs:diffuseColor",
     "fresnel_r0": "inputs:specularColor",
     "roughness": "inputs:roughness",
+    "roughness_texture": "inputs:roughness",
     "emissive_color": "inputs:emissiveColor",
+    "normal_texture": "inputs:normal",
+    "height_texture": "inputs:displacement",
 }
 TEXTURE = {
     "file": "inputs:file",
@@ -45,6 +48,17 @@ TEXTURE = {
     "color_space": "inputs:sourceColorSpace",
     "scale": "inputs:scale",
     "bias": "inputs:bias",
+}
+TRANSFORM_2D = {"uv_scale": "inputs:scale", "uv_rotation": "inputs:rotation", "uv_translation": "inputs:translation"}
+PROCEDURAL = {
+    "kind": "smoke:procedural",
+    "size": "smoke:proceduralSize",
+    "color1": "smoke:proceduralColor1",
+    "color2": "smoke:proceduralColor2",
+    "zoom": "smoke:proceduralZoom",
+    "center": "smoke:proceduralCenter",
+    "max_iterations": "smoke:proceduralMaxIterations",
+    "repeats": "smoke:proceduralRepeats",
 }
 CAMERA = {
     "focal_length": "focalLength",

@@ -1,10 +1,14 @@
-"""Materials: the bound `UsdPreviewSurface`, with a `UsdUVTexture` on its diffuse colour."""
+"""Materials: the bound `UsdPreviewSurface`, with a `UsdUVTexture` on diffuse colour, roughness, normal or displacement.
+
+A texture on displacement gives heights for parallax; `SmokeMaterialAPI` on the Material says what else USD cannot.
+"""
 
 from pxr import Ar, Sdf, Usd, UsdShade
 
-from warp_smoke.scene import Material, Texture
-from warp_smoke.usd.names import MATERIAL, TEXTURE
+from warp_smoke.scene import Material, Procedural, Texture
+from warp_smoke.usd.names import MATERIAL, PROCEDURAL, TEXTURE, TRANSFORM_2D, smoke_attribute
 from warp_smoke.usd.reader import StageReader, shortest_decimal
+from warp_smoke.usd.schema import schema_attributes
 
 # What UsdPreviewSurface falls back to.
 PREVIEW_SURFACE = {
@@ -18,15 +22,20 @@ PREVIEW_SURFACE = {
 }
 # Inputs that surfaces are read without, and the values at which they do nothing.
 WITHOUT_EFFECT = {
-    "normal": (0.0, 0.0, 1.0),
     "opacity": 1.0,
     "opacityThreshold": 0.0,
     "occlusion": 1.0,
-    "displacement": 0.0,
     "clearcoat": 0.0,
 }
+# The inputs whose texture is data, and the record's field; their values without a texture have no effect.
+RELIEF = {"normal": ("normal_texture", (0.0, 0.0, 1.0)), "displacement": ("height_texture", 0.0)}
+# What makes −1…1 of a normal map's codes.
+NORMAL_SCALE, NORMAL_BIAS = (2.0, 2.0, 2.0), (-1.0, -1.0, -1.0)
 # As its specification says, a texture without wrap modes, in a file that has none either, is black outside [0, 1].
 WRAP_MODES = {"useMetadata": "black"}
+
+TEXTURED = ("diffuseColor", "roughness")
+_SMOKE_FIELDS = ("reflection", "gloss", "parallax", "parallax_scale", "parallax_bias")
 
 
 class MaterialReader:
@@ -47,6 +56,8 @@ class MaterialReader:
             self._reader.warn(prim, "materials of its face subsets are not supported; the mesh's own one is used")
         material, _ = binding.ComputeBoundMaterial(UsdShade.Tokens.full)
         if not material:
+            for path in binding.GetDirectBindingRel().GetTargets():
+                self._reader.warn(prim, f"material:binding names {path}, which is no material; it is read as grey")
             return None
         path = material.GetPath()
         if path not in self._materials:
@@ -64,17 +75,18 @@ class MaterialReader:
             if source and (_is_output(source) or self._reader.still(source) != value):
                 self._reader.warn(surface.GetPrim(), f"inputs:{name} is not supported; it has no effect")
 
-        values = {name: self._value(surface, name) for name in PREVIEW_SURFACE if name != "diffuseColor"}
-        source = _source(surface, "diffuseColor")
-        texture, diffuse = None, PREVIEW_SURFACE["diffuseColor"]
-        textured = source is not None and _is_output(source)
-        if textured:
-            texture = self._read_texture(surface, source)
-            hidden = surface.GetInput("diffuseColor").GetAttr()
-            if hidden.HasAuthoredValue():
-                diffuse = self._reader.still(hidden)
-        elif source is not None:
-            diffuse = self._reader.still(source)
+        values = {name: self._value(surface, name) for name in PREVIEW_SURFACE}
+        textures = {"diffuse_texture": self._texture_on(surface, "diffuseColor")}
+        textures["roughness_texture"] = self._texture_on(surface, "roughness")
+        for name, (field, without) in RELIEF.items():
+            textures[field] = self._texture_on(surface, name)
+            source = _source(surface, name)
+            if source and not _is_output(source) and self._reader.still(source) != without:
+                self._reader.warn(
+                    surface.GetPrim(), f"inputs:{name} without a texture is not supported; it has no effect"
+                )
+        self._check_normal_map(surface, textures["normal_texture"])
+        diffuse, textured = values["diffuseColor"], textures["diffuse_texture"] is not None
 
         r0 = values["specularColor"]
         if not values["useSpecularWorkflow"]:
@@ -88,40 +100,78 @@ class MaterialReader:
                 pairs = zip(r0, diffuse, strict=True)
                 r0 = tuple(shortest_decimal((1.0 - metallic) * a + metallic * b) for a, b in pairs)
                 diffuse = tuple(shortest_decimal((1.0 - metallic) * a) for a in diffuse)
-        with self._reader.naming(surface.GetPath(), MATERIAL):
+        smoke = self._read_smoke_fields(material.GetPrim())
+        names = MATERIAL | {field: smoke_attribute(field) for field in smoke}
+        with self._reader.naming(surface.GetPath(), names):
             return Material(
                 path=str(material.GetPath()),
                 diffuse_color=diffuse,
-                diffuse_texture=texture,
                 fresnel_r0=r0,
                 roughness=values["roughness"],
                 emissive_color=values["emissiveColor"],
+                **textures,
+                **smoke,
             )
 
+    def _read_smoke_fields(self, prim: Usd.Prim) -> dict[str, object]:
+        """The fields that `SmokeMaterialAPI` fills."""
+        if "SmokeMaterialAPI" not in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
+            return {}
+        authored = {}
+        for name in schema_attributes()["SmokeMaterialAPI"]:
+            attribute = prim.GetAttribute(name)
+            if attribute and attribute.HasAuthoredValue():
+                authored[name] = self._reader.still(attribute)
+        procedural = {field: authored.pop(name) for field, name in PROCEDURAL.items() if name in authored}
+        fields = {field: authored[name] for field in _SMOKE_FIELDS if (name := smoke_attribute(field)) in authored}
+        if "kind" in procedural:
+            with self._reader.naming(prim.GetPath(), PROCEDURAL):
+                fields["procedural"] = Procedural(**procedural)
+        elif procedural:
+            self._reader.warn(
+                prim, f"{PROCEDURAL[next(iter(procedural))]} has no effect, since smoke:procedural is unset"
+            )
+        return fields
+
+    def _check_normal_map(self, surface: UsdShade.Shader, texture: Texture | None) -> None:
+        """Warns of a normal map that is read as something else than directions from −1 to 1."""
+        if texture is None:
+            return
+        if (texture.scale[:3], texture.bias[:3]) != (NORMAL_SCALE, NORMAL_BIAS):
+            found = f"{texture.scale[:3]} and {texture.bias[:3]}"
+            text = f"scale and bias of the normal map are {found}; (2, 2, 2) and (-1, -1, -1) make directions of 8 bits"
+            self._reader.warn(surface.GetPrim(), text)
+        if texture.color_space == "sRGB":
+            self._reader.warn(surface.GetPrim(), "the normal map is marked as sRGB; directions are stored raw")
+
     def _value(self, shader: UsdShade.Shader, name: str) -> object:
-        """An input's number; its fallback, with a warning, if it comes from another shader."""
+        """An input's number; where it comes from another shader, what is authored behind that, or its fallback."""
         source = _source(shader, name)
         if source is None:
             return PREVIEW_SURFACE[name]
-        if _is_output(source):
+        if not _is_output(source):
+            return self._reader.still(source)
+        if name not in TEXTURED:
             self._reader.warn(shader.GetPrim(), f"a texture on inputs:{name} is not supported; its default is used")
-            return PREVIEW_SURFACE[name]
-        return self._reader.still(source)
+        hidden = shader.GetInput(name).GetAttr()
+        return self._reader.still(hidden) if hidden.HasAuthoredValue() and name in TEXTURED else PREVIEW_SURFACE[name]
 
-    def _read_texture(self, surface: UsdShade.Shader, source: Usd.Attribute) -> Texture | None:
-        """The texture that an output belongs to; None, with a warning, where it cannot be used."""
+    def _texture_on(self, surface: UsdShade.Shader, name: str) -> Texture | None:
+        """The texture that an input comes from; None, with a warning, where it cannot be used."""
+        source = _source(surface, name)
+        if source is None or not _is_output(source):
+            return None
         shader = UsdShade.Shader(source.GetPrim())
         prim = shader.GetPrim()
         if shader.GetShaderId() != "UsdUVTexture":
-            text = f"inputs:diffuseColor from {shader.GetShaderId()} is not supported; its default is used"
+            text = f"inputs:{name} from {shader.GetShaderId()} is not supported; its default is used"
             self._reader.warn(surface.GetPrim(), text)
             return None
-        if source.GetName() != "outputs:rgb":
+        channel = source.GetBaseName()
+        if name in ("diffuseColor", "normal") and channel != "rgb":
             self._reader.warn(prim, f"{source.GetName()} alone is not supported as a colour; all three are used")
-        coordinates = _source(shader, "st")
-        if coordinates and UsdShade.Shader(coordinates.GetPrim()).GetShaderId() == "UsdTransform2d":
-            self._reader.warn(coordinates.GetPrim(), "UsdTransform2d is not supported; it has no effect")
-
+            channel = "rgb"
+        fields = {"channel": channel} | self._read_transform(shader)
         file = _source(shader, "file")
         asset = self._reader.still(file) if file else None
         if not asset or not asset.path:
@@ -133,7 +183,7 @@ class MaterialReader:
         if not asset.resolvedPath:
             raise self._reader.error(prim.GetPath(), "inputs:file", f"@{asset.path}@", "a file that exists")
 
-        fields = {"file": asset.resolvedPath}
+        fields["file"] = asset.resolvedPath
         for field in ("wrap_s", "wrap_t", "color_space", "scale", "bias"):
             given = _source(shader, TEXTURE[field].removeprefix("inputs:"))
             if given:
@@ -143,6 +193,23 @@ class MaterialReader:
             fields[field] = WRAP_MODES.get(mode, mode)
         with self._reader.naming(prim.GetPath(), TEXTURE):
             return Texture(**fields)
+
+    def _read_transform(self, texture: UsdShade.Shader) -> dict[str, object]:
+        """What a `UsdTransform2d` does to a texture's coordinates."""
+        coordinates = _source(texture, "st")
+        if not coordinates or UsdShade.Shader(coordinates.GetPrim()).GetShaderId() != "UsdTransform2d":
+            return {}
+        shader = UsdShade.Shader(coordinates.GetPrim())
+        before = _source(shader, "in")
+        if before and UsdShade.Shader(before.GetPrim()).GetShaderId() == "UsdTransform2d":
+            self._reader.warn(
+                before.GetPrim(), "a UsdTransform2d before another one is not supported; it has no effect"
+            )
+        sources = {field: _source(shader, name.removeprefix("inputs:")) for field, name in TRANSFORM_2D.items()}
+        fields = {field: self._reader.still(source) for field, source in sources.items() if source}
+        with self._reader.naming(shader.GetPath(), TRANSFORM_2D):
+            Texture(file="", **fields)  # checked here, where the prim is known
+        return fields
 
 
 def _subsets(binding: UsdShade.MaterialBindingAPI) -> list:

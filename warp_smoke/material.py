@@ -1,0 +1,147 @@
+"""How surfaces look: materials, the pictures on them and the pictures that are computed, as frozen records."""
+
+from dataclasses import dataclass
+
+from warp_smoke.record import FieldError, Record, at_least, finite, one_of, positive, whole
+
+WRAP_MODES = ("repeat", "clamp", "mirror", "black")
+COLOR_SPACES = ("auto", "sRGB", "raw")
+CHANNELS = ("rgb", "r", "g", "b", "a")
+REFLECTIONS = ("blinnPhong", "blinnPhongLdr", "energyConserving", "classic")
+GLOSS_ROLES = ("exponent", "factor")
+PARALLAXES = ("offset", "occlusion", "none")
+PROCEDURALS = ("mandelbrot", "checker", "noise")
+TEXTURES = ("diffuse_texture", "normal_texture", "height_texture", "roughness_texture")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Texture(Record):
+    """A picture on a surface (USD: `UsdUVTexture`, its coordinates through a `UsdTransform2d`).
+
+    Attributes:
+        file: absolute path.
+        wrap_s, wrap_t: repeat, clamp, mirror or black.
+        color_space: of the file: sRGB, raw, or auto (sRGB for 8-bit colour that is seen, raw for all else).
+        scale, bias: value = file · scale + bias, RGBA.
+        channel: what is taken of it: rgb, or one of r, g, b, a.
+        uv_scale, uv_rotation, uv_translation: coordinates are scaled, turned counter-clockwise [degrees] and moved.
+    """
+
+    file: str
+    wrap_s: str = "repeat"
+    wrap_t: str = "repeat"
+    color_space: str = "auto"
+    scale: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    bias: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    channel: str = "rgb"
+    uv_scale: tuple[float, float] = (1.0, 1.0)
+    uv_rotation: float = 0.0
+    uv_translation: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self):
+        one_of(self.file, "wrap_s", self.wrap_s, WRAP_MODES)
+        one_of(self.file, "wrap_t", self.wrap_t, WRAP_MODES)
+        one_of(self.file, "color_space", self.color_space, COLOR_SPACES)
+        one_of(self.file, "channel", self.channel, CHANNELS)
+        for name, shape in (("scale", (4,)), ("bias", (4,)), ("uv_scale", (2,)), ("uv_translation", (2,))):
+            self._store(name, finite(self.file, name, getattr(self, name), shape))
+        self._store("uv_rotation", finite(self.file, "uv_rotation", self.uv_rotation))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Procedural(Record):
+    """A picture that is computed (USD: `smoke:procedural` on a Material); colours are linear RGB.
+
+    Attributes:
+        kind: mandelbrot, checker or noise.
+        size: texels along a side.
+        color1, color2: mandelbrot: outside, between which iterations are blended; checker: the squares; noise: low
+            and high.
+        zoom, center, max_iterations: of the Mandelbrot set: z ← z² + c with c = 5 (uv − ½)/zoom + center.
+        repeats: squares of the checker, or features of the noise, along a side.
+    """
+
+    kind: str
+    size: int = 512
+    color1: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    color2: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    zoom: float = 1.0
+    center: tuple[float, float] = (0.0, 0.0)
+    max_iterations: int = 50
+    repeats: int = 8
+
+    def __post_init__(self):
+        path = "procedural"
+        one_of(path, "kind", self.kind, PROCEDURALS)
+        self._store("size", whole(path, "size", self.size, 1, 8192))
+        self._store("max_iterations", whole(path, "max_iterations", self.max_iterations, 1, 128))
+        self._store("repeats", whole(path, "repeats", self.repeats, 1, 4096))
+        self._store("zoom", positive(path, "zoom", self.zoom))
+        self._store("center", finite(path, "center", self.center, (2,)))
+        for name in ("color1", "color2"):
+            self._store(name, at_least(path, name, getattr(self, name), shape=(3,)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Material(Record):
+    """How a surface reflects (Blinn-Phong with Schlick's Fresnel term); colours are linear RGB.
+
+    Attributes:
+        path: prim path.
+        diffuse_color, diffuse_texture: the texture, where there is one, stands in for the colour.
+        procedural: a computed picture, which stands in for both.
+        fresnel_r0: reflectance at normal incidence.
+        roughness, roughness_texture: 0 to 1; the Blinn-Phong exponent is 256 (1 − roughness). Gloss is 1 − roughness.
+        gloss: what the roughness texture does: it sets the exponent (`exponent`), or its gloss multiplies the
+            highlight, whose exponent is from `roughness` (`factor`).
+        emissive_color: light the surface gives off.
+        normal_texture: normals in tangent space, −1 to 1 after the texture's scale and bias.
+        height_texture: heights, 0 to 1, by which coordinates are shifted (`parallax`).
+        reflection: blinnPhong, blinnPhongLdr (highlights squeezed into 0…1), energyConserving, or classic (no Fresnel
+            term, exponent 64).
+        parallax: offset, occlusion (marched, with shadows of the relief on itself), or none.
+        parallax_scale, parallax_bias: shift of the coordinates = height · scale + bias.
+    """
+
+    path: str = "/Default"
+    diffuse_color: tuple[float, float, float] = (0.18, 0.18, 0.18)
+    diffuse_texture: Texture | None = None
+    procedural: Procedural | None = None
+    fresnel_r0: tuple[float, float, float] = (0.01, 0.01, 0.01)
+    roughness: float = 0.5
+    roughness_texture: Texture | None = None
+    gloss: str = "exponent"
+    emissive_color: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    normal_texture: Texture | None = None
+    height_texture: Texture | None = None
+    reflection: str = "blinnPhong"
+    parallax: str = "offset"
+    parallax_scale: float = 0.04
+    parallax_bias: float = -0.02
+
+    def __post_init__(self):
+        for name in ("diffuse_color", "fresnel_r0", "emissive_color"):
+            self._store(name, at_least(self.path, name, getattr(self, name), shape=(3,)))
+        self._store("roughness", at_least(self.path, "roughness", self.roughness))
+        if self.roughness > 1:
+            raise FieldError(self.path, "roughness", self.roughness, "0 to 1")
+        one_of(self.path, "gloss", self.gloss, GLOSS_ROLES)
+        one_of(self.path, "reflection", self.reflection, REFLECTIONS)
+        one_of(self.path, "parallax", self.parallax, PARALLAXES)
+        for name in ("parallax_scale", "parallax_bias"):
+            self._store(name, finite(self.path, name, getattr(self, name)))
+
+    @property
+    def has_pictures(self) -> bool:
+        """Whether any of it is a picture, which needs texture coordinates."""
+        return self.procedural is not None or any(getattr(self, name) is not None for name in TEXTURES)
+
+    @property
+    def has_relief(self) -> bool:
+        """Whether heights shift its texture coordinates, so that they follow the eye."""
+        return self.height_texture is not None and self.parallax != "none"
+
+    @property
+    def needs_tangents(self) -> bool:
+        """Whether it has directions in tangent space."""
+        return self.normal_texture is not None or self.has_relief
