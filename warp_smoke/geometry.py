@@ -172,6 +172,47 @@ class Mesh(Record):
         return cls(points[:, turned], triangles[keep], normals[keep][..., turned], uvs[keep])
 
 
+@dataclass(frozen=True, eq=False)
+class Points(Record):
+    """Small spheres in their own (local) space.
+
+    Attributes:
+        points: their centres, [n, 3] float32 in stage units; Samples [t, n, 3] where they move.
+        widths: their diameters, [n] float32 in stage units, at least 0; Samples [t, n] where they change.
+    """
+
+    points: np.ndarray | Samples
+    widths: np.ndarray | Samples
+
+    def __post_init__(self):
+        for name in ("points", "widths"):
+            value = getattr(self, name)
+            if isinstance(value, Samples):
+                self._store(name, Samples(value.times, read_only(value.values, np.float32)))
+            else:
+                self._store(name, read_only(value, np.float32))
+        points, widths = each_value(self.points), each_value(self.widths)
+        if points.ndim != 3 or points.shape[2] != 3 or not np.all(np.isfinite(points)):
+            raise FieldError("points", "points", f"shape {points.shape[1:]}", "[n, 3] finite numbers")
+        if widths.shape[1:] != points.shape[1:2] or not np.all(np.isfinite(widths) & (widths >= 0.0)):
+            allowed = f"[{points.shape[1]}] finite numbers, one a point, at least 0"
+            raise FieldError("points", "widths", f"shape {widths.shape[1:]} from {widths.min(initial=0.0)} on", allowed)
+
+    def points_at(self, time: float) -> np.ndarray:
+        """Local centres at a time code, [n, 3] float32."""
+        return value_at(self.points, time)
+
+    def widths_at(self, time: float) -> np.ndarray:
+        """Local diameters at a time code, [n] float32."""
+        return value_at(self.widths, time)
+
+    @property
+    def deforms(self) -> bool:
+        """Whether the spheres move or change size."""
+        changing = [each for each in (self.points, self.widths) if isinstance(each, Samples)]
+        return any(np.ptp(each.values, axis=0).any() for each in changing)
+
+
 def corner_normals(points: np.ndarray, triangles: np.ndarray, smooth: bool = False) -> np.ndarray:
     """Unit normals at each corner, [m, 3, 3] float64; zero for triangles without area.
 

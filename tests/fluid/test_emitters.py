@@ -102,6 +102,20 @@ def test_moving_rate_adds_the_same_mass(launcher):
     assert density.numpy().sum(dtype=float) * H**3 == pytest.approx(2.0 * 0.5 * (4 * H) ** 3, rel=1e-4)
 
 
+@pytest.mark.parametrize("steps", [1, 3])
+@pytest.mark.parametrize("radius", [0.3 * H, 2.3 * H], ids=["small", "large"])
+def test_moving_ball_adds_its_mass(launcher, radius, steps):
+    """Mass = rate · dt · density · volume of the mesh, wherever the ball is, however small, for any number of steps."""
+    path = Samples([1.0, 2.0], [_moved(-0.41, 0.03, 0.11), _moved(0.37, 0.25, -0.07)])
+    density, ball = launcher.zeros((N, N, N), "test"), Mesh.sphere(radius)
+    source = _source(launcher, mesh=ball, rate=2.0, transform=path)
+    for start, end in pairwise(np.linspace(1.0, 2.0, steps + 1)):
+        _emit_density(source, density, start, end, 0.5 / steps)
+    a, b, c = (ball.points[ball.triangles[:, n]].astype(float) for n in range(3))
+    volume = np.einsum("ni,ni", a, np.cross(b, c)) / 6
+    assert density.numpy().sum(dtype=float) * H**3 == pytest.approx(2.0 * 0.5 * volume, rel=1e-4)
+
+
 def test_moving_emitter_leaves_no_gaps(launcher):
     """A ball of one cell's radius that crosses the domain in one step leaves a line of smoke without holes."""
     path = Samples([1.0, 2.0], [_moved(-0.75, 0.05, 0.05), _moved(0.75, 0.05, 0.05)])

@@ -1,8 +1,8 @@
-"""Emitters: meshes that hold density, temperature and velocity inside themselves, or add density at a rate.
+"""Emitters: meshes and points that hold density, temperature and velocity inside themselves, or add density at a rate.
 
 A cell counts by the share f of it that is inside. A held value e acts as ambient + f (e − ambient) where that departs
-further from ambient than what is there, so emitting twice is the same as once. A rate adds rate · dt · density · f: the
-mass is the same for any number of substeps.
+further from ambient than what is there, so emitting twice is the same as once. A rate adds rate · dt · density · f,
+with Σ f made the emitter's own volume: the mass is the same for any number of substeps.
 """
 
 from itertools import pairwise
@@ -13,8 +13,9 @@ import numpy as np
 import warp as wp
 
 from warp_smoke.fluid.grid import Block, Patch, make_patch
+from warp_smoke.fluid.point_voxels import PointVoxels
 from warp_smoke.fluid.voxelize import MeshVoxels
-from warp_smoke.geometry import transform_points
+from warp_smoke.geometry import Points
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.record import each_value, value_at
@@ -146,7 +147,7 @@ class Source:
     """
 
     def __init__(self, launcher: Launcher, lattice: Lattice, emitter: Emitter):
-        """Makes the emitter's mesh known to the device.
+        """Makes the emitter's shape known to the device.
 
         Args:
             launcher: where it runs.
@@ -154,7 +155,8 @@ class Source:
             emitter: what emits.
         """
         self._launcher, self._lattice, self._emitter = launcher, lattice, emitter
-        self._voxels = MeshVoxels(launcher, lattice, emitter, "emitters")
+        voxels = PointVoxels if isinstance(emitter.mesh, Points) else MeshVoxels
+        self._voxels = voxels(launcher, lattice, emitter, "emitters")
         self._inherits = self._voxels.moves and emitter.inherit_velocity != 0.0
         self.pushes = self._inherits or bool(np.any(each_value(emitter.velocity)))
 
@@ -169,22 +171,13 @@ class Source:
         parts = 1
         if self._voxels.moves:
             # More would only help an emitter that is in the domain for a small part of its way.
-            parts = min(max(1, ceil(self._travel(start, end))), 2 * sum(self._lattice.shape))
+            parts = min(max(1, ceil(self._voxels.travel(start, end))), 2 * sum(self._lattice.shape))
         times = np.linspace(start, end, parts + 1)
         return [Interval(*times, dt / parts) for times in pairwise(times.tolist())]
 
     def place(self, interval: Interval) -> None:
         """Moves the emitter to where it is at the end of an interval."""
         self._voxels.update(*interval)
-
-    def _travel(self, start: float, end: float) -> float:
-        """How far any point moves along an axis [cells]."""
-        to_cells, emitter = self._lattice.world_to_cells(), self._emitter
-        was, now = (
-            transform_points(emitter.transform_at(time) @ to_cells, emitter.mesh.points_at(time))
-            for time in (start, end)
-        )
-        return float(np.abs(now - was).max(initial=0.0))
 
     def emit_density(self, interval: Interval, density: wp.array) -> None:
         """Holds the density, or adds to it at the emitter's rate.
@@ -198,6 +191,7 @@ class Source:
             self._hold(interval.end, density, value_at(emitter.density, interval.end), 0.0)
         elif self._acts(middle):
             amount = value_at(emitter.rate, middle) * value_at(emitter.density, middle) * interval.dt
+            amount *= self._voxels.volume_ratio()
             self._launcher.launch(_add, self._voxels.shape, *self._place(), float(amount), density)
 
     def emit_temperature(self, interval: Interval, temperature: wp.array, ambient: float) -> None:

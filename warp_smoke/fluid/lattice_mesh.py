@@ -125,16 +125,18 @@ class LatticeMesh:
             self._mesh.velocities.assign(velocity.astype(np.float32))
             self._mesh.refit()
             return
-        triangles = self._triangles
-        a, b, c = (points[triangles[:, n]] - points.mean(axis=0) for n in range(3))
-        if np.einsum("ni,ni", a, np.cross(b, c)) < 0:
-            triangles = triangles[:, ::-1]
+        triangles = self._triangles[:, ::-1] if self._volume() < 0 else self._triangles
         self._mesh = wp.Mesh(
             self._launcher.array(points.astype(np.float32), self._label, wp.vec3),
             self._launcher.array(np.ascontiguousarray(triangles).ravel(), self._label),
             velocities=self._launcher.array(velocity.astype(np.float32), self._label, wp.vec3) if self.moves else None,
             support_winding_number=True,
         )
+
+    def _volume(self) -> float:
+        """Volume by the divergence theorem [cells]; negative if the mesh is inside out."""
+        a, b, c = (self._points[self._triangles[:, n]] - self._points.mean(axis=0) for n in range(3))
+        return float(np.einsum("ni,ni", a, np.cross(b, c))) / 6.0
 
     def _far(self) -> float:
         """No cell of the box is farther from the mesh than this."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from warp_smoke.geometry import transform_points
+from warp_smoke.geometry import Points, transform_points
 from warp_smoke.lattice import Lattice
 from warp_smoke.record import Samples, each_value
 from warp_smoke.scene import DistantLight, Light, Prim, SpotLight
@@ -11,11 +11,12 @@ _CORNERS = np.array([[i, j, k] for i in (0.0, 1.0) for j in (0.0, 1.0) for k in 
 
 
 def swept_corners(prim: Prim, frames: range) -> np.ndarray:
-    """Corners of a mesh's local bounds in the world at every frame, [8 t, 3] float64; none without points."""
+    """Corners of a shape's local bounds in the world at every frame, [8 t, 3] float64; none without points."""
     points = each_value(prim.mesh.points).reshape(-1, 3)
     if not len(points):
         return np.zeros((0, 3))
-    lower, upper = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+    radius = each_value(prim.mesh.widths).max() / 2.0 if isinstance(prim.mesh, Points) else 0.0
+    lower, upper = points.min(axis=0).astype(float) - radius, points.max(axis=0).astype(float) + radius
     corners = lower + _CORNERS * (upper - lower)
     return np.concatenate([transform_points(matrix, corners) for matrix in _transforms(prim, frames)])
 
