@@ -36,7 +36,7 @@ BALL = ws.Collider(path="/World/Ball", mesh=ws.Mesh.sphere(0.3, 16), transform=a
 EFFECTS = {
     "vorticity": ({"vorticity": 0.5}, {}, ["fluid.vorticity"], ["vorticity"]),
     "dissipation": ({"density_dissipation": 0.5}, {}, ["fluid.dissipation"], []),
-    "collider": ({}, {"colliders": [BALL]}, ["fluid.colliders", "fluid.pressure.conjugate_gradient"], ["colliders"]),
+    "collider": ({}, {"colliders": [BALL]}, ["fluid.colliders", "fluid.pressure.v_cycle"], ["colliders"]),
     "surface shadow": (
         {},
         {"surfaces": [floor(), CUBE]},
@@ -154,6 +154,8 @@ def test_fields_can_be_written_between_steps():
         {"vorticity": 0.5},
         {"advection": "semi_lagrangian"},
         {"colliders": [BALL]},
+        {"pressure_solver": "multigrid"},
+        {"pressure_solver": "jacobi"},
         {"surfaces": [floor(texture_size=256), CUBE]},
         {"surfaces": ()},
     ],

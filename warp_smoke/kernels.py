@@ -4,6 +4,9 @@ from importlib import import_module
 
 from warp_smoke.plan import Plan
 
+# What several pressure solvers share; `open_faces` of a box without colliders is among the colliders' kernels.
+_ITERATIVE = ("fluid.colliders", "fluid.pressure.components", "fluid.pressure.iterative")
+_CONJUGATE_GRADIENTS = (*_ITERATIVE, "fluid.pressure.conjugate_gradient")
 # Module of kernels by the pass that launches them, and by pass and method where that decides.
 _FLUID = {
     "voxelize_colliders": ("fluid.voxelize", "fluid.walls", "fluid.colliders"),
@@ -12,11 +15,19 @@ _FLUID = {
     "confine_vorticity": ("fluid.forces", "fluid.vorticity"),
     "project_pressure": ("fluid.operators", "fluid.measures"),
     "project_pressure spectral": ("fluid.pressure.spectral",),
-    "project_pressure conjugate_gradient": (
-        "fluid.pressure.spectral",
-        "fluid.pressure.components",
-        "fluid.pressure.conjugate_gradient",
+    "project_pressure multigrid": (
+        *_CONJUGATE_GRADIENTS,
+        "fluid.pressure.v_cycle",
+        "fluid.pressure.split_levels",
     ),
+    "project_pressure spectral_conjugate_gradient": (
+        *_CONJUGATE_GRADIENTS,
+        "fluid.pressure.preconditioner",
+        "fluid.pressure.spectral",
+    ),
+    "project_pressure conjugate_gradient": (*_CONJUGATE_GRADIENTS, "fluid.pressure.preconditioner"),
+    "project_pressure red_black": (*_ITERATIVE, "fluid.pressure.relaxation"),
+    "project_pressure jacobi": (*_ITERATIVE, "fluid.pressure.relaxation"),
     "advect_density": ("fluid.trace", "fluid.advection"),
     "dissipate_density": ("fluid.dissipation",),
     "cool_temperature": ("fluid.dissipation",),

@@ -32,7 +32,14 @@ AXES = ("X", "Y", "Z")
 SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
 BOUNDARIES = ("open", "closed")
 ADVECTION_SCHEMES = ("semi_lagrangian", "maccormack")
-PRESSURE_SOLVERS = ("spectral", "conjugate_gradient")
+PRESSURE_SOLVERS = (
+    "spectral",
+    "multigrid",
+    "spectral_conjugate_gradient",
+    "conjugate_gradient",
+    "red_black",
+    "jacobi",
+)
 GRIDS = ("density", "temperature", "velocity")
 BAKES = ("lit", "visibility", "smokeShadow")
 FALLOFF_MODELS = ("inverseSquare", "linear", "polynomial")

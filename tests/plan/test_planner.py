@@ -219,7 +219,8 @@ def test_colliders():
 
     passes = solid(ball)
     assert passes["voxelize_colliders"].when == "once"
-    assert passes["project_pressure"].method == "conjugate_gradient"
+    assert passes["project_pressure"].method == "multigrid"
+    assert "/World/Ball" in passes["project_pressure"].why
     assert solid(replace(ball, transform=turning()))["voxelize_colliders"].when == "each substep"
     assert "voxelize_colliders" not in solid(replace(ball, transform=at(9, 9, 9)))
     spectral = replace(scene.domains[0], pressure_solver="spectral")

@@ -6,7 +6,7 @@ from warp_smoke.lattice import Lattice, place_lattice
 from warp_smoke.plan.passes import DomainPlan, Ledger, When
 from warp_smoke.plan.reach import in_box, is_moving, over, swept_corners
 from warp_smoke.record import FieldError, each_value
-from warp_smoke.scene import Collider, Emitter, Scene, SmokeDomain
+from warp_smoke.scene import PRESSURE_SOLVERS, Collider, Emitter, Scene, SmokeDomain
 
 DEFAULT_ADVECTION = "maccormack"
 DEFAULT_TOLERANCE = 1e-3
@@ -21,7 +21,7 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
         ledger.omit("simulate", (domain.path,), why)
         return None
     colliders = _colliders(ledger, scene, domain, lattice)
-    solver = _pressure_solver(domain, colliders)
+    solver, solver_why = _pressure_solver(domain, colliders)
     scheme = domain.advection or DEFAULT_ADVECTION
 
     hot = any(np.any(each_value(e.temperature) != domain.ambient_temperature) for e in emitters)
@@ -63,7 +63,7 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
     choose(
         "confine_vorticity", flows and domain.vorticity, f"vorticity is {domain.vorticity:g}", why_not, makes="velocity"
     )
-    why = "air keeps its volume"
+    why = f"air keeps its volume; {solver_why}"
     choose("project_pressure", flows, why, still, makes="velocity without divergence", method=solver)
     choose("advect_velocity", flows, "air carries its own motion along", still, makes="velocity", method=scheme)
     choose("advect_density", flows, "air carries smoke along", still, makes="density", method=scheme)
@@ -116,9 +116,15 @@ def _colliders(ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Latti
     return tuple(found)
 
 
-def _pressure_solver(domain: SmokeDomain, colliders: tuple[Collider, ...]) -> str:
-    solver = domain.pressure_solver or ("conjugate_gradient" if colliders else "spectral")
+def _pressure_solver(domain: SmokeDomain, colliders: tuple[Collider, ...]) -> tuple[str, str]:
+    """The solver, and why it is taken."""
+    solver = domain.pressure_solver
+    if solver is None and colliders:
+        return "multigrid", f"multigrid is the fastest solver around {_paths(colliders)}"
+    if solver is None:
+        return "spectral", "spectral is exact where no collider is in the domain"
     if solver == "spectral" and colliders:
-        allowed = f"conjugate_gradient, since {colliders[0].path} is a collider in it"
+        others = ", ".join(name for name in PRESSURE_SOLVERS if name != "spectral")
+        allowed = f"{others}, since {colliders[0].path} is a collider in it"
         raise FieldError(domain.path, "pressure_solver", solver, allowed)
-    return solver
+    return solver, f"pressureSolver is {solver}"

@@ -8,7 +8,15 @@ from warp_smoke.shadow.projective import SCATTER_PARTS
 # Floats for each cell; velocity components count as one each.
 _STATE = {"emit_density": 1, "emit_temperature": 1, "voxelize_colliders": 4, "confine_vorticity": 4}
 _FLOW = 5  # velocity, pressure's first guess and divergence
-_SOLVER = {"spectral": 1.1, "conjugate_gradient": 7.3}
+_SOLVER = {
+    "spectral": 1.1,
+    "multigrid": 13.5,
+    "spectral_conjugate_gradient": 8.4,
+    "conjugate_gradient": 7.2,
+    "red_black": 5.2,
+    "jacobi": 6.3,
+}
+_OPEN_FACES = 4  # iterative solvers need them without colliders too
 _ADVECTION = {"semi_lagrangian": 7.0, "maccormack": 16.0}
 
 
@@ -29,6 +37,8 @@ def _domain_bytes(plan: DomainPlan) -> int:
     floats = sum(count for name, count in _STATE.items() if name in plan.passes)
     if "project_pressure" in plan.passes:
         floats += _FLOW + _SOLVER[plan.pressure_solver] + _ADVECTION[plan.advection]
+        if plan.pressure_solver != "spectral" and not plan.colliders:
+            floats += _OPEN_FACES
         floats += 20 / plan.lattice.shape[1]  # sums along j, in double precision
     return int(4 * plan.lattice.cells * floats)
 

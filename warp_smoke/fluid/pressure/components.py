@@ -2,6 +2,7 @@
 
 import numpy as np
 import scipy.ndimage
+import scipy.sparse.csgraph
 import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
@@ -9,6 +10,9 @@ from warp_smoke.launch import Launcher, Rows
 wp.set_module_options({"enable_backward": False})
 
 _CHUNK = 1024
+_ALL = slice(None)
+# Along an axis: the cells before each inner face, those after it, and the face itself.
+_CUTS = slice(None, -1), slice(1, None), slice(1, -1)
 
 
 @wp.func
@@ -45,8 +49,45 @@ def _subtract_from_chunks(
         values[cells[m]] = values[cells[m]] - means[n]
 
 
+def label_components(fluid: np.ndarray, shares: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, int]:
+    """Numbers the bodies of fluid: cells in one are connected through open faces.
+
+    Args:
+        fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz].
+        shares: wx, wy, wz, the open share of each face.
+
+    Returns:
+        The number of each cell's body from 1, 0 in solid cells, [nx, ny, nz]; and how many there are.
+    """
+    cells = fluid > 0
+    pairs = []  # per axis: the cells before and after each inner face, and which of these are open and which walls
+    for axis, share in enumerate(shares):
+        before, after, inner = (tuple(cut if a == axis else _ALL for a in range(3)) for cut in _CUTS)
+        between = cells[before] & cells[after]
+        opened = share[inner] > 0.0
+        pairs.append((before, after, between & opened, between & ~opened))
+    walled = np.zeros_like(cells)
+    for before, after, _, walls in pairs:
+        walled[before] |= walls
+        walled[after] |= walls
+    if not walled.any():
+        return scipy.ndimage.label(cells)
+    # Cells beside walls inside the fluid start on their own; then bodies that meet through an open face are joined.
+    labels, found = scipy.ndimage.label(cells & ~walled)
+    count = found + np.count_nonzero(walled)
+    labels[walled] = np.arange(found + 1, count + 1)
+    joined = []
+    for before, after, opened, _ in pairs:
+        meets = opened & (walled[before] | walled[after])
+        joined.append((labels[before][meets], labels[after][meets]))
+    a, b = (np.concatenate(ends) for ends in zip(*joined, strict=True))
+    graph = scipy.sparse.coo_array((np.ones(len(a), bool), (a, b)), shape=(count + 1, count + 1))
+    found, body = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    return body[labels], found - 1
+
+
 class ClosedComponents:
-    """The 6-connected components of fluid without an open side, as lists of cells in chunks."""
+    """The components of fluid, connected through open faces, that no open side touches, as lists of cells in chunks."""
 
     def __init__(self, launcher: Launcher, sides: tuple[str, ...]):
         """Starts without any.
@@ -62,18 +103,20 @@ class ClosedComponents:
         self._cells, self._first = (launcher.zeros(0, "pressure", int) for _ in range(2))
         self._sums, self._means = launcher.zeros(0, "pressure", wp.float64), launcher.zeros(0, "pressure")
 
-    def find(self, fluid: np.ndarray) -> None:
+    def find(self, fluid: np.ndarray, shares: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
         """Finds them.
 
         Args:
             fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz].
+            shares: wx, wy, wz, the open share of each face, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1].
         """
-        labels, found = scipy.ndimage.label(fluid > 0)
+        labels, found = label_components(fluid, shares)
         closed = np.ones(found + 1, bool)
         closed[0] = False
         for side, token in enumerate(self._sides):
             if token == "open":
-                closed[labels.take(-(side % 2), axis=side // 2)] = False
+                last, axis = -(side % 2), side // 2
+                closed[labels.take(last, axis)[shares[axis].take(last, axis) > 0]] = False
         inside = np.flatnonzero(closed[labels])
         component = (np.cumsum(closed) - 1)[labels.ravel()[inside]]
         self._sizes = np.bincount(component)

@@ -1,0 +1,269 @@
+"""What the iterative pressure solvers share: the operator around solids, the residual, and when to stop.
+
+The operator has a weight for each face, the share of it that is open: L q = Σ a w (q_neighbour − q), with a = 1 between
+cells and 2 on an open side, where q = 0 outside.
+"""
+
+from abc import ABC, abstractmethod
+from math import isfinite, nan, prod, sqrt
+from typing import NamedTuple
+
+import warp as wp
+
+from warp_smoke.fluid.colliders import open_faces
+from warp_smoke.fluid.operators import face_weight, side_weights
+from warp_smoke.fluid.pressure.components import ClosedComponents
+from warp_smoke.fluid.pressure.status import PressureProblem, PressureStatus
+from warp_smoke.fluid.pressure.sums import Sums, dense_parts
+from warp_smoke.launch import Launcher, Rows, dense
+
+wp.set_module_options({"enable_backward": False})
+
+# Residual due to the round-off of a pressure of 1: 12 half ulps from storing it, about as much from summing L q.
+_ROUND_OFF = 24 * 2.0**-24
+
+
+@wp.kernel
+def _sum_weights(
+    rows: Rows,
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    lower: wp.vec3,
+    upper: wp.vec3,
+    centre_out: wp.array3d[float],
+):
+    """Sets centre = Σ a w over the six faces of a cell."""
+    i, j, c = wp.tid()
+    i += rows.first
+    nx = centre_out.shape[0]
+    ny = centre_out.shape[1]
+    nz = centre_out.shape[2]
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, nz)
+    while k < end:
+        total = face_weight(i, nx, lower[0], upper[0]) * wx[i, j, k]
+        total += face_weight(i + 1, nx, lower[0], upper[0]) * wx[i + 1, j, k]
+        total += face_weight(j, ny, lower[1], upper[1]) * wy[i, j, k]
+        total += face_weight(j + 1, ny, lower[1], upper[1]) * wy[i, j + 1, k]
+        total += face_weight(k, nz, lower[2], upper[2]) * wz[i, j, k]
+        total += face_weight(k + 1, nz, lower[2], upper[2]) * wz[i, j, k + 1]
+        centre_out[i, j, k] = total
+        k += 1
+
+
+@wp.kernel
+def _start(rows: Rows, fluid: wp.array3d[float], q_inout: wp.array3d[float], padded_out: wp.array3d[float]):
+    """Sets q = fluid q, and the padded copy of it inside a layer of zeros."""
+    i, j, c = wp.tid()
+    i += rows.first
+    f = dense(fluid)
+    q = dense(q_inout)
+    p = dense(padded_out)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, q_inout.shape[2])
+    while k < end:
+        value = f[i, j, k] * q[i, j, k]
+        q[i, j, k] = value
+        p[i + 1, j + 1, k + 1] = value
+        k += 1
+
+
+@wp.func
+def laplacian(
+    p: wp.array3d[float],
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    centre: wp.array3d[float],
+    i: int,
+    j: int,
+    k: int,
+):
+    """Σ w p_neighbour − centre p, with p padded by a layer of zeros, so that sides need no branch."""
+    along_i = wx[i, j, k] * p[i, j + 1, k + 1] + wx[i + 1, j, k] * p[i + 2, j + 1, k + 1]
+    along_j = wy[i, j, k] * p[i + 1, j, k + 1] + wy[i, j + 1, k] * p[i + 1, j + 2, k + 1]
+    along_k = wz[i, j, k] * p[i + 1, j + 1, k] + wz[i, j, k + 1] * p[i + 1, j + 1, k + 2]
+    return along_i + along_j + along_k - centre[i, j, k] * p[i + 1, j + 1, k + 1]
+
+
+@wp.kernel
+def _measure_residual(
+    rows: Rows,
+    padded: wp.array3d[float],
+    divergence: wp.array3d[float],
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    centre: wp.array3d[float],
+    residual_out: wp.array3d[float],
+    parts_out: wp.array3d[wp.float64],
+):
+    """Sets r = d − L q; parts of Σ r², max |r| and max |q|."""
+    i, _, c = wp.tid()
+    i += rows.first
+    p = dense(padded)
+    d = dense(divergence)
+    ox = dense(wx)
+    oy = dense(wy)
+    oz = dense(wz)
+    middle = dense(centre)
+    r = dense(residual_out)
+    parts = dense_parts(parts_out)
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, divergence.shape[2])
+    k = start
+    while k < end:
+        parts[0, i, k] = wp.float64(0.0)
+        parts[1, i, k] = wp.float64(0.0)
+        parts[2, i, k] = wp.float64(0.0)
+        k += 1
+    j = wp.int32(0)
+    while j < divergence.shape[1]:
+        k = start
+        while k < end:
+            value = d[i, j, k] - laplacian(p, ox, oy, oz, middle, i, j, k)
+            r[i, j, k] = value
+            wide = wp.float64(value)
+            parts[0, i, k] = parts[0, i, k] + wide * wide
+            parts[1, i, k] = wp.max(parts[1, i, k], wp.abs(wide))
+            parts[2, i, k] = wp.max(parts[2, i, k], wp.float64(wp.abs(p[i + 1, j + 1, k + 1])))
+            k += 1
+        j += 1
+
+
+@wp.kernel
+def _measure_field(rows: Rows, a: wp.array3d[float], parts_out: wp.array3d[wp.float64]):
+    """Parts of Σ a² and max |a|."""
+    i, _, c = wp.tid()
+    i += rows.first
+    x = dense(a)
+    parts = dense_parts(parts_out)
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, a.shape[2])
+    k = start
+    while k < end:
+        parts[0, i, k] = wp.float64(0.0)
+        parts[1, i, k] = wp.float64(0.0)
+        k += 1
+    j = wp.int32(0)
+    while j < a.shape[1]:
+        k = start
+        while k < end:
+            wide = wp.float64(x[i, j, k])
+            parts[0, i, k] = parts[0, i, k] + wide * wide
+            parts[1, i, k] = wp.max(parts[1, i, k], wp.abs(wide))
+            k += 1
+        j += 1
+
+
+class FaceWeights(NamedTuple):
+    """The operator.
+
+    Attributes:
+        shares: w of the faces, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1].
+        centre: Σ a w of each cell, [nx, ny, nz].
+    """
+
+    shares: tuple[wp.array, wp.array, wp.array]
+    centre: wp.array
+
+
+class Residual(NamedTuple):
+    """Largest absolute value and norm of a residual, and the largest absolute pressure that it was measured with."""
+
+    largest: float
+    norm: float
+    pressure: float
+
+
+class IterativePressure(ABC):
+    """A solver for a box with solids (or without, for comparison) that improves a pressure step by step.
+
+    The net divergence of closed components of fluid is left out, and the mean of their pressure is 0.
+    """
+
+    def __init__(self, launcher: Launcher, problem: PressureProblem):
+        """Allocates; what depends on the solids is prepared when they have changed."""
+        self._launcher, self._problem = launcher, problem
+        shape, solids = problem.shape, problem.solids
+        self._source, self._residual = (launcher.zeros(shape, "pressure") for _ in range(2))
+        self._padded = launcher.zeros(tuple(n + 2 for n in shape), "pressure")
+        self._sums = Sums(launcher, shape, 3, "pressure")
+        self._components = ClosedComponents(launcher, problem.sides)
+        centre = launcher.zeros(shape, "pressure")
+        self._prepared_for = None  # `solids.changes` at that time
+        if solids is None:
+            self._fluid = launcher.zeros(shape, "pressure")
+            self._fluid.fill_(1.0)
+            shares = tuple(
+                launcher.zeros(tuple(n + (axis == along) for axis, n in enumerate(shape)), "pressure")
+                for along in range(3)
+            )
+            open_faces(launcher, self._fluid, problem.sides, shares)
+            self._operator = FaceWeights(shares, centre)
+        else:
+            self._fluid = solids.fluid
+            self._operator = FaceWeights((solids.wx, solids.wy, solids.wz), centre)
+
+    def solve(self, divergence: wp.array, pressure: wp.array) -> PressureStatus:
+        """Solves Σ (q_neighbour − q) = d over the open faces of cells of fluid.
+
+        Args:
+            divergence: d, [nx, ny, nz] [m/s], 0 in solid cells.
+            pressure: q = dt p / h, [nx, ny, nz] [m/s]: the first guess, replaced by the solution; 0 in solid cells.
+        """
+        solids = self._problem.solids
+        changes = solids.changes if solids else 0
+        if self._prepared_for != changes:
+            self._prepare()
+            self._prepared_for = changes
+        zero_guess = self._measure(divergence)
+        if zero_guess.norm == 0.0:
+            pressure.zero_()
+            return PressureStatus(iterations=0, max_residual=0.0, rms_residual=0.0, converged=True)
+        if not isfinite(zero_guess.norm):
+            return PressureStatus(iterations=0, max_residual=nan, rms_residual=nan, converged=False)
+        wp.copy(self._source, divergence)
+        imbalance = self._components.remove_means(self._source)
+        iterations, residual = self._improve(pressure, self._restart(pressure), zero_guess)
+        self._components.remove_means(pressure)
+        return PressureStatus(
+            iterations=iterations,
+            max_residual=residual.largest / zero_guess.largest,
+            rms_residual=residual.norm / zero_guess.norm,
+            converged=self._is_small(residual, zero_guess),
+            imbalance=imbalance,
+        )
+
+    @abstractmethod
+    def _improve(self, pressure: wp.array, residual: Residual, zero_guess: Residual) -> tuple[int, Residual]:
+        """Iterates until the residual is small or there were `max_iterations`; returns how often, and the residual."""
+
+    def _prepare(self) -> None:
+        """Takes in where the solids are."""
+        args = (*self._operator.shares, *side_weights(self._problem.sides), self._operator.centre)
+        self._launcher.launch(_sum_weights, self._problem.shape, *args)
+        self._components.find(self._fluid.numpy(), tuple(share.numpy() for share in self._operator.shares))
+
+    def _measure(self, field: wp.array) -> Residual:
+        """A field as the residual of zero pressure."""
+        self._launcher.launch(_measure_field, self._sums.launch_shape, field, self._sums.parts)
+        return Residual(self._sums.largest(1), sqrt(self._sums.sum(0)), 0.0)
+
+    def _restart(self, pressure: wp.array) -> Residual:
+        """Pads a pressure and measures its true residual, for iterations to go on from."""
+        self._launcher.launch(_start, self._problem.shape, self._fluid, pressure, self._padded)
+        operator = (*self._operator.shares, self._operator.centre)
+        args = (self._padded, self._source, *operator, self._residual, self._sums.parts)
+        self._launcher.launch(_measure_residual, self._sums.launch_shape, *args)
+        return self._read_residual()
+
+    def _read_residual(self) -> Residual:
+        return Residual(self._sums.largest(1), sqrt(self._sums.sum(0)), self._sums.largest(2))
+
+    def _is_small(self, residual: Residual, zero_guess: Residual) -> bool:
+        tolerance, round_off = self._problem.tolerance, _ROUND_OFF * residual.pressure
+        return residual.largest <= max(tolerance * zero_guess.largest, round_off) and residual.norm <= max(
+            tolerance * zero_guess.norm, round_off * sqrt(prod(self._problem.shape))
+        )

@@ -1,0 +1,138 @@
+"""Preconditioners of conjugate gradients: what they offer, and the two that are not multigrid."""
+
+from typing import Protocol
+
+import warp as wp
+
+from warp_smoke.fluid.pressure.iterative import FaceWeights
+from warp_smoke.fluid.pressure.spectral import SpectralPressure
+from warp_smoke.fluid.pressure.sums import Sums, dense_parts
+from warp_smoke.launch import Launcher, Rows, dense
+
+wp.set_module_options({"enable_backward": False})
+
+
+class Preconditioner(Protocol):
+    """A symmetric approximate inverse of the operator.
+
+    Attributes:
+        correction: the last result; only cells of fluid count.
+        border: layers of cells that `correction` has below the first cell.
+    """
+
+    correction: wp.array
+    border: int
+
+    def prepare(self, operator: FaceWeights) -> None:
+        """Takes in the operator, again whenever it has changed."""
+
+    def apply(self, residual: wp.array) -> float:
+        """Sets correction ≈ L⁻¹ r.
+
+        Args:
+            residual: r, [nx, ny, nz] [m/s], 0 in solid cells.
+
+        Returns:
+            Σ r correction.
+        """
+
+
+@wp.kernel
+def _divide(
+    rows: Rows,
+    residual: wp.array3d[float],
+    centre: wp.array3d[float],
+    correction_out: wp.array3d[float],
+    parts_out: wp.array3d[wp.float64],
+):
+    """Sets z = −r / Σ a w, 0 where all faces are closed; parts of Σ r z."""
+    i, _, c = wp.tid()
+    i += rows.first
+    r = dense(residual)
+    middle = dense(centre)
+    z = dense(correction_out)
+    parts = dense_parts(parts_out)
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, residual.shape[2])
+    k = start
+    while k < end:
+        parts[0, i, k] = wp.float64(0.0)
+        k += 1
+    j = wp.int32(0)
+    while j < residual.shape[1]:
+        k = start
+        while k < end:
+            total = middle[i, j, k]
+            value = wp.where(total > 0.0, -r[i, j, k] / wp.max(total, 1.0e-6), 0.0)
+            z[i, j, k] = value
+            parts[0, i, k] = parts[0, i, k] + wp.float64(r[i, j, k]) * wp.float64(value)
+            k += 1
+        j += 1
+
+
+@wp.kernel
+def _sum_products(rows: Rows, a: wp.array3d[float], b: wp.array3d[float], parts_out: wp.array3d[wp.float64]):
+    """Parts of Σ a b."""
+    i, _, c = wp.tid()
+    i += rows.first
+    x = dense(a)
+    y = dense(b)
+    parts = dense_parts(parts_out)
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, a.shape[2])
+    k = start
+    while k < end:
+        parts[0, i, k] = wp.float64(0.0)
+        k += 1
+    j = wp.int32(0)
+    while j < a.shape[1]:
+        k = start
+        while k < end:
+            parts[0, i, k] = parts[0, i, k] + wp.float64(x[i, j, k]) * wp.float64(y[i, j, k])
+            k += 1
+        j += 1
+
+
+class Diagonal:
+    """The inverse of the diagonal (C. G. J. Jacobi)."""
+
+    border = 0
+
+    def __init__(self, launcher: Launcher, shape: tuple[int, int, int]):
+        """Allocates for (nx, ny, nz) cells."""
+        self._launcher = launcher
+        self.correction = launcher.zeros(shape, "pressure")
+        self._sums = Sums(launcher, shape, 1, "pressure")
+
+    def prepare(self, operator: FaceWeights) -> None:
+        """Takes in the operator."""
+        self._centre = operator.centre
+
+    def apply(self, residual: wp.array) -> float:
+        """Sets correction = −r / Σ a w; returns Σ r correction."""
+        args = (residual, self._centre, self.correction, self._sums.parts)
+        self._launcher.launch(_divide, self._sums.launch_shape, *args)
+        return self._sums.sum(0)
+
+
+class EmptyBox:
+    """The exact solver of the box without its solids (P. Concus, G. H. Golub, 1973)."""
+
+    border = 0
+
+    def __init__(self, launcher: Launcher, shape: tuple[int, int, int], sides: tuple[str, ...]):
+        """Allocates for (nx, ny, nz) cells between sides -x +x -y +y -z +z."""
+        self._launcher = launcher
+        self._solver = SpectralPressure(launcher, shape, sides)
+        self.correction = launcher.zeros(shape, "pressure")
+        self._sums = Sums(launcher, shape, 1, "pressure")
+
+    def prepare(self, operator: FaceWeights) -> None:
+        """Solids change nothing here."""
+
+    def apply(self, residual: wp.array) -> float:
+        """Sets correction to the pressure of a box without solids; returns Σ r correction."""
+        self._solver.invert(residual, self.correction)
+        args = (residual, self.correction, self._sums.parts)
+        self._launcher.launch(_sum_products, self._sums.launch_shape, *args)
+        return self._sums.sum(0)

@@ -1,0 +1,161 @@
+"""Relaxation of the pressure, sweep by sweep: the poorer neighbours of multigrid.
+
+Damped Jacobi, and successive over-relaxation of the red and then the black cells of a chessboard (D. M. Young, 1954).
+"""
+
+from math import sqrt
+
+import warp as wp
+
+from warp_smoke.fluid.pressure.iterative import IterativePressure, Residual, laplacian
+from warp_smoke.fluid.pressure.spectral import eigenvalues
+from warp_smoke.fluid.pressure.status import PressureProblem
+from warp_smoke.launch import Launcher, Rows, dense
+
+wp.set_module_options({"enable_backward": False})
+
+# Without damping, a chessboard in a box with closed sides changes its sign for ever.
+JACOBI_WEIGHT = 6.0 / 7.0
+_SWEEPS_BETWEEN_CHECKS = 8
+
+
+@wp.func
+def _relaxed(here: float, change: float, centre: float, weight: float):
+    """Returns q + weight (L q − d) / Σ a w; 0 where all faces are closed."""
+    return wp.where(centre > 0.0, here + weight * change / wp.max(centre, 1.0e-6), 0.0)
+
+
+@wp.kernel
+def _relax(
+    rows: Rows,
+    padded: wp.array3d[float],
+    divergence: wp.array3d[float],
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    centre: wp.array3d[float],
+    weight: float,
+    padded_out: wp.array3d[float],
+):
+    """q_out = q + weight (L q − d) / Σ a w."""
+    i, j, c = wp.tid()
+    i += rows.first
+    q = dense(padded)
+    d = dense(divergence)
+    ox = dense(wx)
+    oy = dense(wy)
+    oz = dense(wz)
+    middle = dense(centre)
+    after = dense(padded_out)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, divergence.shape[2])
+    while k < end:
+        change = laplacian(q, ox, oy, oz, middle, i, j, k) - d[i, j, k]
+        after[i + 1, j + 1, k + 1] = _relaxed(q[i + 1, j + 1, k + 1], change, middle[i, j, k], weight)
+        k += 1
+
+
+@wp.kernel
+def _relax_color(
+    rows: Rows,
+    color: int,
+    divergence: wp.array3d[float],
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    centre: wp.array3d[float],
+    weight: float,
+    padded_inout: wp.array3d[float],
+):
+    """Adds weight (L q − d) / Σ a w to q where (i + j + k) mod 2 = color; all neighbours have the other color."""
+    i, j, c = wp.tid()
+    i += rows.first
+    q = dense(padded_inout)
+    d = dense(divergence)
+    ox = dense(wx)
+    oy = dense(wy)
+    oz = dense(wz)
+    middle = dense(centre)
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, divergence.shape[2])
+    k = start + (i + j + start + color) % 2
+    while k < end:
+        change = laplacian(q, ox, oy, oz, middle, i, j, k) - d[i, j, k]
+        q[i + 1, j + 1, k + 1] = _relaxed(q[i + 1, j + 1, k + 1], change, middle[i, j, k], weight)
+        k += 2
+
+
+@wp.kernel
+def _copy_inner(rows: Rows, padded: wp.array3d[float], q_out: wp.array3d[float]):
+    """Copies q out of the layer of zeros around it."""
+    i, j, c = wp.tid()
+    i += rows.first
+    p = dense(padded)
+    q = dense(q_out)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, q_out.shape[2])
+    while k < end:
+        q[i, j, k] = p[i + 1, j + 1, k + 1]
+        k += 1
+
+
+class _Relaxation(IterativePressure):
+    """Sweeps, with a look at the residual now and then."""
+
+    def _improve(self, pressure: wp.array, residual: Residual, zero_guess: Residual) -> tuple[int, Residual]:
+        iterations, limit = 0, self._problem.max_iterations
+        while iterations < limit and not self._is_small(residual, zero_guess):
+            sweeps = min(_SWEEPS_BETWEEN_CHECKS, limit - iterations)
+            for _ in range(sweeps):
+                self._sweep()
+            iterations += sweeps
+            self._launcher.launch(_copy_inner, self._problem.shape, self._padded, pressure)
+            residual = self._restart(pressure)
+        return iterations, residual
+
+    def _sweep(self) -> None:
+        """Relaxes every cell of the padded pressure once."""
+        raise NotImplementedError
+
+
+class JacobiPressure(_Relaxation):
+    """Damped Jacobi: all cells at once from the values before."""
+
+    def __init__(self, launcher: Launcher, problem: PressureProblem):
+        """Allocates."""
+        super().__init__(launcher, problem)
+        self._other = launcher.zeros(self._padded.shape, "pressure")
+
+    def _sweep(self) -> None:
+        operator = (*self._operator.shares, self._operator.centre)
+        args = (self._padded, self._source, *operator, JACOBI_WEIGHT, self._other)
+        self._launcher.launch(_relax, self._problem.shape, *args)
+        self._padded, self._other = self._other, self._padded
+
+
+class RedBlackPressure(_Relaxation):
+    """Over-relaxation of red, then black cells, by the weight that is best in the box without solids."""
+
+    def __init__(self, launcher: Launcher, problem: PressureProblem):
+        """Allocates."""
+        super().__init__(launcher, problem)
+        self._weight = over_relaxation(problem)
+
+    def _sweep(self) -> None:
+        for color in (0, 1):
+            operator = (*self._operator.shares, self._operator.centre)
+            args = (color, self._source, *operator, self._weight, self._padded)
+            self._launcher.launch(_relax_color, self._problem.shape, *args)
+
+
+def over_relaxation(problem: PressureProblem) -> float:
+    """The best weight 2 / (1 + √(1 − ρ²)) for the box without solids (Young, 1954).
+
+    Jacobi's slowest mode shrinks by ρ = 1 − λ / 6 a sweep, with λ the least positive eigenvalue.
+    """
+    axes = [eigenvalues(n, *problem.sides[2 * axis : 2 * axis + 2]) for axis, n in enumerate(problem.shape)]
+    least = sum(each[0] for each in axes)
+    if least == 0.0:
+        least = min((each[1] for each in axes if len(each) > 1), default=6.0)
+    reach = 1.0 - min(least, 6.0) / 6.0
+    return 2.0 / (1.0 + sqrt(1.0 - reach**2))

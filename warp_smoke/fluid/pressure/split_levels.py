@@ -1,0 +1,307 @@
+"""Coarse levels on which a cell that walls divide is as many cells as it has pieces.
+
+A coarse cell with a wall through it would tie the pressures on both sides together, and far too stiffly. So the cells
+of a 2 × 2 × 2 block that are connected inside it make up one coarse cell, and those that are not make up several
+(C. Dick, M. Rogowsky, R. Westermann, 2015). Such levels are lists of cells with sparse matrices by rows.
+"""
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.csgraph
+import warp as wp
+
+from warp_smoke.launch import Launcher, Rows
+
+wp.set_module_options({"enable_backward": False})
+
+# Arrays hold a multiple of this many cells, so that moving solids seldom need other arrays and launches.
+_GRAIN = 256
+# Levels with no more cells than this are solved directly.
+FEW_CELLS = 128
+# Sweeps on a last level with more cells: only thin layers between open sides end so, and they are well conditioned.
+LAST_SWEEPS = 8
+
+
+@wp.kernel
+def _restrict_rows(
+    rows: Rows,
+    first: wp.array[int],
+    column: wp.array[int],
+    value: wp.array[float],
+    residual: wp.array[float],
+    inverse: wp.array[float],
+    weight: float,
+    source_out: wp.array[float],
+    e_out: wp.array[float],
+):
+    """d_n = Σ value r over row n; first sweep from e = 0: e = −weight d / Σ w."""
+    n = rows.first + wp.tid()
+    total = wp.float32(0.0)
+    for m in range(first[n], first[n + 1]):
+        total += value[m] * residual[column[m]]
+    source_out[n] = total
+    e_out[n] = -weight * inverse[n] * total
+
+
+@wp.kernel
+def _sweep_rows(
+    rows: Rows,
+    first: wp.array[int],
+    column: wp.array[int],
+    value: wp.array[float],
+    inverse: wp.array[float],
+    e: wp.array[float],
+    source: wp.array[float],
+    weight: float,
+    e_out: wp.array[float],
+):
+    """e_out = (1 − weight) e + weight (Σ w e_neighbour − d) / Σ w."""
+    n = rows.first + wp.tid()
+    total = wp.float32(0.0)
+    for m in range(first[n], first[n + 1]):
+        total += value[m] * e[column[m]]
+    e_out[n] = (1.0 - weight) * e[n] + weight * inverse[n] * (total - source[n])
+
+
+@wp.kernel
+def _measure_rows(
+    rows: Rows,
+    first: wp.array[int],
+    column: wp.array[int],
+    value: wp.array[float],
+    inverse: wp.array[float],
+    e: wp.array[float],
+    source: wp.array[float],
+    residual_out: wp.array[float],
+):
+    """Sets r = d − L e, 0 where the cell has no open face."""
+    n = rows.first + wp.tid()
+    total = wp.float32(0.0)
+    for m in range(first[n], first[n + 1]):
+        total += value[m] * e[column[m]]
+    r = source[n] - total + e[n] / wp.max(inverse[n], 1.0e-6)
+    residual_out[n] = wp.where(inverse[n] > 0.0, r, 0.0)
+
+
+@wp.kernel
+def _prolong_rows(
+    rows: Rows,
+    first: wp.array[int],
+    column: wp.array[int],
+    value: wp.array[float],
+    coarse: wp.array[float],
+    e: wp.array[float],
+    e_out: wp.array[float],
+):
+    """e_out_n = e_n + Σ value E over row n."""
+    n = rows.first + wp.tid()
+    total = wp.float32(0.0)
+    for m in range(first[n], first[n + 1]):
+        total += value[m] * coarse[column[m]]
+    e_out[n] = e[n] + total
+
+
+@wp.kernel
+def _solve_rows(rows: Rows, inverse: wp.array2d[float], source: wp.array[float], e_out: wp.array[float]):
+    """Sets e = L⁺ d."""
+    n = rows.first + wp.tid()
+    total = wp.float32(0.0)
+    for m in range(inverse.shape[1]):
+        total += inverse[n, m] * source[m]
+    e_out[n] = total
+
+
+class _Sparse:
+    """A sparse matrix by rows on the device, with room to change."""
+
+    def __init__(self, launcher: Launcher):
+        self._launcher = launcher
+        self.first, self.column = (launcher.zeros(0, "pressure", int) for _ in range(2))
+        self.value = launcher.zeros(0, "pressure")
+
+    def assign(self, matrix: scipy.sparse.csr_array, count: int) -> None:
+        """Takes in a matrix, with empty rows behind its own to make `count`."""
+        entries = _rounded(matrix.nnz)
+        if count + 1 > self.first.size:
+            self.first = self._launcher.zeros(count + 1, "pressure", int)
+        if entries > self.column.size:
+            self.column = self._launcher.zeros(entries, "pressure", int)
+            self.value = self._launcher.zeros(entries, "pressure")
+        first = np.full(self.first.size, matrix.nnz, np.int32)
+        first[: len(matrix.indptr)] = matrix.indptr
+        self.first.assign(first)
+        self.column[: matrix.nnz].assign(matrix.indices.astype(np.int32))
+        self.value[: matrix.nnz].assign(matrix.data.astype(np.float32))
+
+    @property
+    def arrays(self) -> tuple[wp.array, wp.array, wp.array]:
+        """First entry of each row, columns, values."""
+        return self.first, self.column, self.value
+
+
+class _List:
+    """A level: its operator, its work arrays, and the way from the next finer one and back."""
+
+    def __init__(self, launcher: Launcher):
+        self._launcher = launcher
+        self.size = 0
+        self.neighbours, self.restriction, self.prolongation = (_Sparse(launcher) for _ in range(3))
+        self.fine_size = 0
+        self._allocate()
+
+    def _allocate(self) -> None:
+        arrays = (self._launcher.zeros(self.size, "pressure") for _ in range(4))
+        self.inverse, self.source, self.e, self.other = arrays
+
+    def assign(self, matrix, restriction, prolongation) -> None:
+        """Takes in L of this level and the matrices from and to the finer one, as positive definite −L."""
+        size = _rounded(matrix.shape[0])
+        self.fine_size = prolongation.shape[0]
+        if size > self.inverse.size:
+            self.size = size
+            self._allocate()
+        self.size = size
+        diagonal = matrix.diagonal()
+        inverse = np.zeros(self.inverse.size, np.float32)
+        inverse[: len(diagonal)] = np.divide(1.0, diagonal, where=diagonal > 0, out=np.zeros(len(diagonal)))
+        self.inverse.assign(inverse)
+        off = matrix.tocoo()
+        apart = off.row != off.col
+        off = scipy.sparse.coo_array((-off.data[apart], (off.row[apart], off.col[apart])), shape=matrix.shape)
+        self.neighbours.assign(off.tocsr(), size)
+        self.restriction.assign(restriction, size)
+        self.prolongation.assign(prolongation, self.fine_size)
+
+
+class SplitLevels:
+    """Corrects a level by coarser ones whose cells are connected."""
+
+    def __init__(self, launcher: Launcher, weights: tuple[float, float]):
+        """Allocates what does not depend on the solids.
+
+        Args:
+            launcher: where it runs.
+            weights: of the two sweeps.
+        """
+        self._launcher, self._weights = launcher, weights
+        self._lists: list[_List] = []
+        self._count = 0
+        self._direct = None  # L⁺ of the last level
+
+    def prepare(self, matrix: scipy.sparse.csr_array, position: np.ndarray, upper: np.ndarray) -> None:
+        """Makes the levels below a level.
+
+        Args:
+            matrix: −L of that level, [n, n]; rows of cells without open faces are empty.
+            position: of its cells, [n, 3].
+            upper: position along each axis from which on cells have no coarse cell, as an open side is there.
+        """
+        self._count = 0
+        while True:
+            cells = np.count_nonzero(matrix.diagonal())
+            if self._count and cells <= FEW_CELLS:
+                break
+            members = _members(matrix, position, upper)
+            if members.shape[1] == 0 or members.shape[1] > 0.8 * cells:
+                break
+            coarse, prolongation, position = _coarsen(matrix, position, members)
+            if self._count == len(self._lists):
+                self._lists.append(_List(self._launcher))
+            self._lists[self._count].assign(coarse, (0.5 * prolongation.T).tocsr(), prolongation)
+            self._count += 1
+            matrix, upper = coarse, upper // 2
+        self._solvable = 0 < matrix.shape[0] <= _GRAIN
+        if self._solvable and self._count:
+            if self._direct is None:
+                self._direct = self._launcher.zeros((_GRAIN, _GRAIN), "pressure")
+            padded = np.zeros((_GRAIN, _GRAIN), np.float32)
+            padded[: matrix.shape[0], : matrix.shape[0]] = pseudo_inverse(-matrix.toarray())
+            self._direct.assign(padded)
+
+    def correct(self, residual: wp.array, e: wp.array, e_out: wp.array) -> None:
+        """Sets e_out = e + the correction for a residual; all [n]."""
+        launch = self._launcher.launch_each
+        lists, (weak, strong) = self._lists[: self._count], self._weights
+        if not lists:
+            wp.copy(e_out, e)
+            return
+        for number, level in enumerate(lists):
+            args = (*level.restriction.arrays, residual, level.inverse, weak, level.source, level.e)
+            launch(_restrict_rows, level.size, *args)
+            if number + 1 == len(lists):
+                break
+            self._sweep(level, level.e, strong, level.other)
+            args = (*level.neighbours.arrays, level.inverse, level.other, level.source, level.e)
+            launch(_measure_rows, level.size, *args)
+            residual = level.e
+        last = lists[-1]
+        if self._solvable:
+            launch(_solve_rows, last.size, self._direct, last.source, last.e)
+        else:
+            for _ in range(LAST_SWEEPS):
+                self._sweep(last, last.e, strong, last.other)
+                self._sweep(last, last.other, weak, last.e)
+        for level, coarse in zip(lists[-2::-1], lists[:0:-1], strict=True):
+            launch(_prolong_rows, coarse.fine_size, *coarse.prolongation.arrays, coarse.e, level.other, level.e)
+            self._sweep(level, level.e, strong, level.other)
+            self._sweep(level, level.other, weak, level.e)
+        launch(_prolong_rows, lists[0].fine_size, *lists[0].prolongation.arrays, lists[0].e, e, e_out)
+
+    def _sweep(self, level: _List, e: wp.array, weight: float, e_out: wp.array) -> None:
+        args = (*level.neighbours.arrays, level.inverse, e, level.source, weight, e_out)
+        self._launcher.launch_each(_sweep_rows, level.size, *args)
+
+
+def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
+    """L⁺ of a symmetric matrix L, float32."""
+    values, vectors = np.linalg.eigh(matrix)
+    kept = np.abs(values) > 1e-6 * np.abs(values).max()
+    inverse = np.divide(1.0, values, where=kept, out=np.zeros(len(values)))
+    return ((vectors * inverse) @ vectors.T).astype(np.float32)
+
+
+def _rounded(count: int) -> int:
+    return -(-count // _GRAIN) * _GRAIN
+
+
+def _members(matrix, position: np.ndarray, upper: np.ndarray) -> scipy.sparse.csr_array:
+    """1 where a cell (row) is a member of a coarse cell (column)."""
+    block = position // 2
+    key = np.ravel_multi_index((block - block.min(0)).T, np.ptp(block, 0) + 1)
+    links = scipy.sparse.triu(matrix, 1).tocoo()
+    inside = key[links.row] == key[links.col]
+    pairs = (links.row[inside], links.col[inside])
+    graph = scipy.sparse.coo_array((np.ones(len(pairs[0]), np.int8), pairs), shape=matrix.shape)
+    _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    used = np.flatnonzero((matrix.diagonal() > 0) & np.all(position < upper, axis=1))
+    _, column = np.unique(label[used], return_inverse=True)
+    shape = (len(position), column.max(initial=-1) + 1)
+    return scipy.sparse.csr_array((np.ones(len(used)), (used, column)), shape=shape)
+
+
+def _coarsen(matrix, position: np.ndarray, members: scipy.sparse.csr_array) -> tuple:
+    """−L of the coarse level, the prolongation to the fine one, and the coarse positions.
+
+    Weights are means of four; a fine cell takes E + ¼ Σ W (E_neighbour − E) over the coarse neighbours on its side.
+    """
+    coarse = (0.25 * (members.T @ matrix @ members)).tocsr()
+    coarse.data[np.abs(coarse.data) < 1e-6] = 0.0  # cells of which nothing leads out
+    coarse.eliminate_zeros()
+    rows, columns = members.nonzero()
+    parent = np.zeros(len(position), int)
+    parent[rows] = columns
+    coarse_position = np.zeros((members.shape[1], 3), int)
+    coarse_position[columns] = position[rows] // 2
+    links = coarse.tocoo()
+    apart = links.row != links.col
+    across = (links.row[apart], links.col[apart])
+    beside = (members @ scipy.sparse.csr_array((-0.25 * links.data[apart], across), shape=coarse.shape)).tocoo()
+    step = coarse_position[beside.col] - coarse_position[parent[beside.row]]
+    side = 2 * (position[beside.row] % 2) - 1
+    chosen = (np.abs(step).sum(1) == 1) & ((step * side).sum(1) == 1)
+    entries = (beside.data[chosen], (beside.row[chosen], beside.col[chosen]))
+    neighbours = scipy.sparse.csr_array(entries, shape=members.shape)
+    to_outside = 0.25 * np.clip(matrix.sum(1), 0.0, 2.0)
+    own = 1.0 - np.asarray(neighbours.sum(1)).ravel() - to_outside
+    prolongation = (scipy.sparse.diags_array(own) @ members + neighbours).tocsr()
+    return coarse, prolongation, coarse_position
