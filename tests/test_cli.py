@@ -57,6 +57,16 @@ def test_bake_all(warp_smoke):
     assert len(receivers) > 5
 
 
+def test_warnings_of_the_bake_are_printed(warp_smoke, tmp_path):
+    """What could not be baked as asked is said on standard error, one line each."""
+    text = PLUME.read_text().replace("def Camera", "def Scope")
+    shutil.copytree(STAGES / "textures", tmp_path / "textures")
+    (tmp_path / "shot.usda").write_text(text)
+    status, _, err = warp_smoke("run", "shot.usda", "--frames", "1:1", "--resolution", 16)
+    assert status == 0
+    assert "warning /World/Floor: no camera" in err
+
+
 def test_help_names_every_option(warp_smoke):
     """--help is there for the tool and for each command."""
     status, out, _ = warp_smoke("--help")
@@ -85,6 +95,7 @@ PLUME = STAGES / "plume.usda"
         (["run", PLUME, "--device", "abacus"], "device is abacus; allowed here: cpu"),
         (["run", PLUME, "--threads", "-1"], "threads is -1"),
         (["run", PLUME, "-o", STAGES], "would overwrite"),
+        (["run", PLUME, "-o", "noise.usda/out"], "below the file"),
         (["preview", "nothere.usda"], "nothere.usda"),
         (["preview", PLUME, "--frame", "999", "--screenshot", "a.png"], "frame is 999"),
         (["preview", PLUME, "--size", "0x9"], "--size is 0x9"),

@@ -126,6 +126,64 @@ def test_own_stage_is_never_overwritten(tmp_path):
     assert source.read_bytes() == before
 
 
+def test_frames_of_the_run_are_the_stage_s(tmp_path):
+    """The written stage's time range is that of the frames that were run, not of the source."""
+    source = tmp_path / "shot.usda"
+    plume(frames=9).save(source)
+    result = ws.run(replace(ws.Scene.open(source), start=101, end=102), tmp_path / "out")
+    stage = Usd.Stage.Open(str(result.stage))
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (101, 102)
+
+
+def test_a_folder_holds_one_result(tmp_path):
+    """Another stage's results are not written over."""
+    for name in ("one", "two"):
+        plume(frames=1).save(tmp_path / f"{name}.usda")
+    ws.run(tmp_path / "one.usda", tmp_path / "out")
+    before = digests(tmp_path / "out")
+    with pytest.raises(ValueError, match=r"output folder is that of one\.results\.usdc"):
+        ws.run(tmp_path / "two.usda", tmp_path / "out")
+    assert digests(tmp_path / "out") == before
+
+
+def test_a_run_cut_short_leaves_no_stage(tmp_path):
+    """A second run into the same folder that stops half way takes the first one's stage with it: no mix of both."""
+    result = ws.run(plume(frames=2), tmp_path / "out")
+
+    def stop(frame):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ws.run(plume(resolution=24, frames=2), tmp_path / "out", on_frame=stop)
+    assert not result.stage.exists()
+    assert not (tmp_path / "out" / "report.json").exists()
+
+
+def test_a_plan_that_does_not_fit_is_refused(tmp_path):
+    """Nothing is allocated or made; the message names the resolution that would fit."""
+    domain = replace(plume().domains[0], resolution=4096)
+    with pytest.raises(
+        MemoryError, match=r"needs \d+ MiB of memory and \d+ MiB are free; --resolution (\d+) would fit"
+    ):
+        ws.run(replace(plume(), domains=[domain]), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_stays_without_smoke_is_said(tmp_path):
+    """A domain that never holds smoke and a bake without light are named in the report's warnings."""
+    result = ws.run(replace(plume(frames=1), emitters=()), tmp_path / "out")
+    assert any(warning.startswith("/World/Smoke: no emitter") for warning in result.report["warnings"])
+
+
+def test_an_error_names_the_file(tmp_path):
+    """What goes wrong with a file names that file, not the hidden one beside it."""
+    target = tmp_path / "out" / "volumes"
+    target.mkdir(parents=True)
+    (target / "Smoke.0001.vdb").mkdir()
+    with pytest.raises(OSError, match=r"volumes/Smoke\.0001\.vdb"):
+        ws.run(plume(frames=1), tmp_path / "out")
+
+
 def test_names_that_collide(tmp_path):
     """Two domains of the same name under different parents keep their files apart."""
     scene = plume(frames=1)

@@ -3,6 +3,7 @@
 Reading a stage and planning load neither Warp nor pyvista; simulating and looking do.
 """
 
+from importlib import import_module
 from importlib.metadata import version
 
 from warp_smoke.geometry import Mesh
@@ -15,6 +16,7 @@ from warp_smoke.scene import (
     Collider,
     DistantLight,
     Emitter,
+    Light,
     Material,
     PointLight,
     Receiver,
@@ -32,14 +34,18 @@ __all__ = [
     "Collider",
     "DistantLight",
     "Emitter",
+    "Frame",
+    "Light",
     "Material",
     "Mesh",
     "Plan",
     "PointLight",
     "Receiver",
+    "Result",
     "Samples",
     "Scene",
     "Simulation",
+    "Smoke",
     "SmokeDomain",
     "SpotLight",
     "Surface",
@@ -50,9 +56,11 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str):
-    if name == "Simulation":
-        from warp_smoke.simulation import Simulation
+# What simulates needs Warp, which takes a moment to load.
+_ON_USE = {"Simulation": "simulation", "Frame": "simulation", "Smoke": "simulation", "Result": "output"}
 
-        return Simulation
+
+def __getattr__(name: str):
+    if name in _ON_USE:
+        return getattr(import_module(f"warp_smoke.{_ON_USE[name]}"), name)
     raise AttributeError(f"module 'warp_smoke' has no attribute '{name}'")

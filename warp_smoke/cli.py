@@ -5,6 +5,7 @@ import os
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
+from time import monotonic
 from typing import Annotated
 
 from cyclopts import App, CycloptsError, Parameter
@@ -17,8 +18,12 @@ app = App(
     help="Smoke, its shadows and baked lighting for USD stages: only the effects that a scene calls for.",
     version=lambda: warp_smoke.__version__,
     help_format="rich",
+    default_parameter=Parameter(negative=()),
 )
 _out, _err = Console(), Console(stderr=True)
+
+# In a log, where no bar can move, a line says now and then how far a long run is.
+_SECONDS_BETWEEN_LINES = 10
 
 Output = Annotated[Path | None, Parameter(name=["--output", "-o"])]
 
@@ -60,21 +65,23 @@ def run(
 
     scene = _open(stage, frames, resolution, bake_all)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(
-        *columns, TimeRemainingColumn(), console=_err, transient=True, disable=not _err.is_terminal
-    ) as progress:
-        task = progress.add_task("Loading kernels (compiled on first use)", total=len(scene.frames))
-        result = warp_smoke.run(
-            scene,
-            output,
-            device=device,
-            threads=threads,
-            on_frame=lambda frame: progress.update(task, advance=1, description=f"Frame {frame.number}"),
-        )
+    bar = Progress(*columns, TimeRemainingColumn(), console=_err, transient=True, disable=not _err.is_terminal)
+    task = bar.add_task("Loading kernels (compiled on first use)", total=len(scene.frames))
+    said = monotonic()
+
+    def show(frame: "warp_smoke.Frame") -> None:
+        nonlocal said
+        bar.update(task, advance=1, description=f"Frame {frame.number}")
+        if bar.disable and monotonic() - said > _SECONDS_BETWEEN_LINES:
+            said = monotonic()
+            _err.print(f"frame {frame.number} of {scene.end}", highlight=False)
+
+    with bar:
+        result = warp_smoke.run(scene, output, device=device, threads=threads, on_frame=show)
     if as_json:
         print(json.dumps(result.report, indent=2))
         return
-    _warn(scene)
+    _warn(result.report["warnings"])
     from warp_smoke.report import summary
 
     _out.print(summary(result.report), highlight=False)
@@ -107,13 +114,15 @@ def plan(
     """
     from rich.table import Table
 
+    from warp_smoke.launch import Launcher
+
     scene = _open(stage, frames, resolution, bake_all)
     made = warp_smoke.make_plan(scene)
     if as_json:
         passes, left_out = ([asdict(each) for each in kind] for kind in (made.passes, made.left_out))
         print(json.dumps({"passes": passes, "left_out": left_out, "bytes": made.bytes}, indent=2))
         return
-    _warn(scene)
+    _warn([*scene.warnings, *made.warnings])
     table = Table("Pass", "For", "When", "Why", title="Runs, in this order")
     for each in made.passes:
         method = f"\n[dim]{each.method}[/dim]" if each.method else ""
@@ -125,6 +134,7 @@ def plan(
             table.add_row(out.name, "\n".join(out.subjects), out.why)
         _out.print(table)
     _out.print(f"Device memory, estimated: {sum(made.bytes.values()) / 2**20:.0f} MiB", highlight=False)
+    made.check_memory(Launcher().available_bytes())
 
 
 @app.command
@@ -211,8 +221,8 @@ def _open(stage: Path, frames: str | None, resolution: int | None, bake_all: boo
     return scene
 
 
-def _warn(scene: "warp_smoke.Scene") -> None:
-    for warning in scene.warnings:
+def _warn(warnings: list[str]) -> None:
+    for warning in warnings:
         _err.print(f"[yellow]warning[/yellow] {warning}", soft_wrap=True, highlight=False)
 
 
@@ -248,4 +258,6 @@ def main() -> None:
 def _one_line(error: Exception) -> str:
     from rich.markup import escape
 
+    if isinstance(error, OSError) and error.filename:
+        return escape(f"{error.filename}: {error.strerror}")
     return escape(" ".join(str(error).split()) or type(error).__name__)

@@ -23,6 +23,7 @@ from itertools import pairwise
 from queue import SimpleQueue
 
 import numpy as np
+import psutil
 import warp as wp
 
 wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
@@ -156,9 +157,22 @@ class Launcher:
         for worker in getattr(self, "_workers", ()):
             worker.stop()
 
+    def available_bytes(self) -> int:
+        """Memory that is free on the device [bytes]."""
+        if self.device.is_cuda:
+            return self.device.free_memory
+        return psutil.virtual_memory().available
+
     def zeros(self, shape, label: str, dtype=float) -> wp.array:
-        """A contiguous array of zeros, counted under a label."""
-        array = wp.zeros(shape, dtype=dtype, device=self.device)
+        """A contiguous array of zeros, counted under a label.
+
+        Raises:
+            MemoryError: the device has no room for it.
+        """
+        try:
+            array = wp.zeros(shape, dtype=dtype, device=self.device)
+        except RuntimeError:
+            raise MemoryError(f"no room on {self.device} for {label}, an array of {shape}") from None
         self.allocated[label] += array.capacity
         return array
 

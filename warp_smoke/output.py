@@ -10,6 +10,7 @@ import numpy as np
 
 from warp_smoke.files import write_png, write_text
 from warp_smoke.plan import DomainPlan, ReceiverPlan, When
+from warp_smoke.record import FieldError
 from warp_smoke.report import environment
 from warp_smoke.simulation import Frame, Simulation, Smoke
 from warp_smoke.usd.material import BakeResult, VertexBakeResult
@@ -36,7 +37,11 @@ class Result:
 
 
 class Output:
-    """A context in which frames are written; folders that it made and that stay empty are removed if it fails."""
+    """A context in which frames are written; folders that it made and that stay empty are removed if it fails.
+
+    The stage and report of an earlier run go first and come last, so that a run that is cut short leaves no stage that
+    mixes two runs.
+    """
 
     def __init__(self, folder: Path, name: str, simulation: Simulation):
         self._folder, self._name, self._simulation, self._plan = folder, name, simulation, simulation.plan
@@ -49,8 +54,11 @@ class Output:
         self._bakes: dict[tuple[str, str], dict[int, str | np.ndarray]] = {}
 
     def __enter__(self) -> "Output":
+        _check_folder(self._folder, self._name)
         inside = ["volumes"] * bool(self._plan.domains) + ["textures"] * bool(self._plan.receivers)
         self._made = _make_folders(self._folder, inside)
+        for earlier in (f"{self._name}.usda", f"{self._name}.results.usdc", "report.json"):
+            (self._folder / earlier).unlink(missing_ok=True)
         self._pool = ThreadPoolExecutor(1, "write")
         self._waiting: list[list[Future]] = []
         return self
@@ -131,7 +139,7 @@ class Output:
             "plan": [each.name + (f" [{each.method}]" if each.method else "") for each in self._plan.passes],
             "device_bytes": sum(launcher.allocated.values()),
             "seconds": seconds,
-            "warnings": [*scene.warnings, *self._simulation.warnings],
+            "warnings": [*scene.warnings, *self._plan.warnings, *self._simulation.warnings],
             "frames": self._frames,
         }
 
@@ -145,6 +153,16 @@ def _file_stems(paths: list[str]) -> dict[str, str]:
     last = [path.rpartition("/")[2] for path in paths]
     whole = [path.strip("/").replace("/", "_") for path in paths]
     return {p: short if last.count(short) == 1 else long for p, short, long in zip(paths, last, whole, strict=True)}
+
+
+def _check_folder(folder: Path, name: str) -> None:
+    """Raises FieldError if the folder is something else, or holds the results of another stage."""
+    for each in (folder, *folder.parents):
+        if each.exists() and not each.is_dir():
+            raise FieldError(str(folder), "output folder", f"below the file {each}", "a folder")
+    others = [path.name for path in folder.glob("*.results.usdc") if path.name != f"{name}.results.usdc"]
+    if others:
+        raise FieldError(str(folder), "output folder", f"that of {others[0]}", "another one: a folder holds one result")
 
 
 def _make_folders(folder: Path, inside: list[str]) -> list[Path]:

@@ -21,6 +21,19 @@ def _equal(a: object, b: object) -> bool:
     return a == b
 
 
+def _brief(value: object) -> str:
+    """A value in a few words: shapes stand for arrays and counts for long tuples."""
+    if isinstance(value, np.ndarray):
+        return f"<{value.dtype} {list(value.shape)}>"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key!r}: {_brief(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, tuple) and len(value) > 8:
+        return f"<{len(value)} of {type(value[0]).__name__}>"
+    if isinstance(value, tuple):
+        return "(" + ", ".join(map(_brief, value)) + ("," if len(value) == 1 else "") + ")"
+    return repr(value)
+
+
 @dataclass(frozen=True, eq=False)
 class Record:
     """Base of the scene's dataclasses: equal when every field is equal."""
@@ -31,6 +44,13 @@ class Record:
         return all(_equal(getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare)
 
     __hash__ = None
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        cls.__repr__ = Record.__repr__  # in place of the one that @dataclass would write, which prints whole arrays
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{f.name}={_brief(getattr(self, f.name))}' for f in fields(self))})"
 
     def _store(self, field: str, value: object) -> None:
         """Sets a field of the frozen record; for `__post_init__` only."""

@@ -29,16 +29,16 @@ def environment() -> dict:
 
 
 def summary(report: dict) -> Group:
-    """Where a run's time went: a line, and a table with each pass that takes a noticeable part of a frame."""
+    """Where a run's time went: a line, and a table of the passes that take more than 3 % of it."""
     count, seconds = len(report["frames"]), report["seconds"]
     steps = [step["substeps"] for frame in report["frames"] for step in frame["domains"].values()]
     line = f"{count} frame{'s' * (count > 1)}: {seconds['set_up']:.1f} s to set up, {seconds['frames']:.1f} s to make"
     if steps:
         line += f", {min(steps)} to {max(steps)} substeps a frame"
     table = Table("Pass", "Seconds", "ms / frame")
-    for name, spent in sorted(seconds["passes"].items(), key=lambda item: -item[1]):
-        if name != "load_kernels" and 1e3 * spent >= 0.05 * count:
-            table.add_row(name, f"{spent:.2f}", f"{1e3 * spent / count:.1f}")
-    table.add_section()
-    table.add_row("all", f"{seconds['frames']:.2f}", f"{1e3 * seconds['frames'] / count:.1f}")
+    passes = {name: spent for name, spent in seconds["passes"].items() if name != "load_kernels"}
+    large = [name for name in sorted(passes, key=passes.get, reverse=True) if passes[name] > 0.03 * seconds["frames"]]
+    rows = {name: passes.pop(name) for name in large} | {"others": sum(passes.values()), "all": seconds["frames"]}
+    for name, spent in rows.items():
+        table.add_row(name, f"{spent:.2f}", f"{1e3 * spent / count:.1f}", end_section=name == "others")
     return Group(line, table)

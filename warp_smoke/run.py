@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def run(
-    scene: Scene,
+    scene: Scene | str | Path,
     folder: str | Path | None = None,
     *,
     device: str = "cpu",
@@ -25,7 +25,7 @@ def run(
     """Simulates, shadows, bakes and writes every frame of a scene.
 
     Args:
-        scene: what to run.
+        scene: what to run, or the file of a stage.
         folder: for the results; `out/NAME` unless given.
         device: `cpu`, `cuda` or `cuda:N`.
         threads: CPU threads; all unless given.
@@ -33,8 +33,11 @@ def run(
 
     Raises:
         ValueError: the scene asks for something that cannot be done; no folder is left behind.
+        MemoryError: the plan does not fit the device; no folder is left behind.
         OSError: the folder cannot be written.
     """
+    if not isinstance(scene, Scene):
+        scene = Scene.open(scene)
     name = scene.source.stem if scene.source else "scene"
     folder = Path("out", name) if folder is None else Path(folder)
     root = folder / f"{name}.usda"

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ from warp_smoke.kernels import kernel_modules
 from warp_smoke.launch import Launcher, load_kernels
 from warp_smoke.lighting import Lighting
 from warp_smoke.plan import DomainPlan, Plan, make_plan
+from warp_smoke.record import Record
 from warp_smoke.scene import Scene
 from warp_smoke.timing import Timings
 
@@ -18,8 +20,8 @@ if TYPE_CHECKING:
     from warp_smoke.fluid.solver import SmokeSolver, StepReport
 
 
-@dataclass(frozen=True)
-class Smoke:
+@dataclass(frozen=True, eq=False)
+class Smoke(Record):
     """One domain's fields at a frame, copied to the host.
 
     Attributes:
@@ -33,8 +35,8 @@ class Smoke:
     velocity: np.ndarray | None
 
 
-@dataclass(frozen=True)
-class Frame:
+@dataclass(frozen=True, eq=False)
+class Frame(Record):
     """What a step made.
 
     Attributes:
@@ -61,16 +63,20 @@ class Simulation:
         warnings: what the bakes had to leave out.
     """
 
-    def __init__(self, scene: Scene | Plan, device: str = "cpu", threads: int | None = None):
+    def __init__(self, scene: Scene | Plan | str | Path, device: str = "cpu", threads: int | None = None):
         """Makes everything that the plan needs, and nothing else.
 
         Args:
-            scene: a scene, or a plan made of one.
+            scene: a scene, the file of one, or a plan made of one.
             device: `cpu`, `cuda` or `cuda:N`.
             threads: CPU threads; all unless given.
+
+        Raises:
+            MemoryError: the plan does not fit the device; nothing has been allocated.
         """
         self.plan = scene if isinstance(scene, Plan) else make_plan(scene)
         self.launcher = Launcher(device, threads)
+        self.plan.check_memory(self.launcher.available_bytes())
         self.timings = Timings(self.launcher)
         self.frame: int | None = None
         with self.timings.measure("load_kernels"):
@@ -85,16 +91,32 @@ class Simulation:
         return SmokeSolver(self.launcher, each, self.timings)
 
     def solver(self, path: str | None = None) -> "SmokeSolver":
-        """The solver of a domain, the first one unless a path is given."""
-        return self._solvers[path if path is not None else next(iter(self._solvers))]
+        """The solver of a domain, the first one unless a path is given; its `state` has the fields.
+
+        Raises:
+            ValueError: the plan has no smoke there.
+        """
+        if path is None and self._solvers:
+            path = next(iter(self._solvers))
+        if path not in self._solvers:
+            allowed = ", ".join(self._solvers) or "none: the scene calls for no smoke"
+            raise ValueError(f"domain is {path}; allowed: {allowed}")
+        return self._solvers[path]
 
     @property
     def density(self) -> wp.array:
-        """The first domain's density, [nx, ny, nz], on the device."""
+        """The first domain's density, [nx, ny, nz], on the device; assign an array to change it."""
         return self.solver().state.density
 
+    @density.setter
+    def density(self, values: np.ndarray | wp.array) -> None:
+        self.solver().state.density.assign(values)
+
     def step(self) -> Frame:
-        """Makes the next frame: emission alone at the first one, then the fluid's substeps, shadows and bakes."""
+        """Makes the next frame: emission alone at the first one, then the fluid's substeps, shadows and bakes.
+
+        It may go on past the scene's last frame.
+        """
         scene = self.plan.scene
         number = scene.start if self.frame is None else self.frame + 1
         steps = {}

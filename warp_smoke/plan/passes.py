@@ -186,6 +186,33 @@ class Plan:
     receivers: tuple[ReceiverPlan, ...]
     bytes: dict[str, int]
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user marked for smoke or baking, and that makes none."""
+        marked = {each.path for each in self.scene.domains} | {each.path for each in self.scene.surfaces}
+        return tuple(
+            f"{out.subjects[0]}: {out.why}"
+            for out in self.left_out
+            if out.name in ("simulate", "bake") and len(out.subjects) == 1 and out.subjects[0] in marked
+        )
+
+    def check_memory(self, available: int) -> None:
+        """Refuses a plan that is larger than the memory that is free.
+
+        Raises:
+            MemoryError: says by how much, and which resolution would fit.
+        """
+        needed = sum(self.bytes.values())
+        if needed <= available:
+            return
+        largest = max(each.domain.resolution for each in self.domains) if self.domains else None
+        fluid = sum(self.bytes[each.domain.path] for each in self.domains)
+        left = available - (needed - fluid)
+        line = f"the plan needs {needed / 2**20:.0f} MiB of memory and {available / 2**20:.0f} MiB are free"
+        if largest and left > 0:
+            line += f"; --resolution {max(1, int(0.98 * largest * (left / fluid) ** (1 / 3)))} would fit"
+        raise MemoryError(line)
+
     def __str__(self) -> str:
         runs = [f"  {each}" for each in self.passes] or ["  nothing"]
         rests = [f"  {each}" for each in self.left_out]

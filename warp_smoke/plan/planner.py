@@ -1,5 +1,7 @@
 """The plan of a scene: walks back from the outputs, volume files and baked textures, to what they need."""
 
+from pathlib import Path
+
 from warp_smoke.plan.fluid import plan_domain
 from warp_smoke.plan.memory import memory_estimate
 from warp_smoke.plan.passes import Ledger, Plan
@@ -7,12 +9,14 @@ from warp_smoke.plan.shading import plan_receivers
 from warp_smoke.scene import Scene
 
 
-def make_plan(scene: Scene) -> Plan:
-    """Works out which passes a scene's outputs need.
+def make_plan(scene: Scene | str | Path) -> Plan:
+    """Works out which passes the outputs of a scene, or of a stage's file, need.
 
     Raises:
         FieldError: a domain asks for a scheme that cannot serve it.
     """
+    if not isinstance(scene, Scene):
+        scene = Scene.open(scene)
     ledger = Ledger()
     if not scene.domains:
         ledger.omit("simulate", (), "the stage has no smoke domain")

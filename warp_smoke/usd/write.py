@@ -21,8 +21,6 @@ _ROOT_METADATA = (
     "metersPerUnit",
     "kilogramsPerUnit",
     "framesPerSecond",
-    "startTimeCode",
-    "endTimeCode",
     "colorConfiguration",
     "colorManagementSystem",
     "expressionVariables",
@@ -118,10 +116,11 @@ def _set_metadata(layer: Sdf.Layer, source: Sdf.Layer, scene: Scene) -> None:
     """Copies what the source's root layer says of the stage; its axis, unit and times are the scene's if unset."""
     layer.pseudoRoot.SetInfo("upAxis", scene.up_axis)
     layer.pseudoRoot.SetInfo("metersPerUnit", scene.meters_per_unit)
-    layer.startTimeCode, layer.endTimeCode = scene.start, scene.end
     for key in _ROOT_METADATA:
         if source.pseudoRoot.HasInfo(key):
             layer.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
+    # The frames that were run, which may be others than the source's.
+    layer.startTimeCode, layer.endTimeCode = scene.start, scene.end
     layer.timeCodesPerSecond = source.timeCodesPerSecond
 
 
