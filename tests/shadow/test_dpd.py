@@ -257,10 +257,56 @@ def test_moving_light(launcher, lattice_at, placed, point_light, transmittance):
         np.testing.assert_array_equal(transmittance(shadow, points=points), transmittance(still, points=points))
 
 
-def test_light_inside_is_refused(launcher, lattice_at, point_light):
-    """A light inside the domain raises one line that names it and what to do."""
+def _blob_lit(lattice, light, points):
+    """A Gaussian blob in the lattice, and exp(−τ) behind it in closed form, σ = 3."""
+    centre, width = np.array([0.2, 0.1, -0.1]), 0.2
+    index = np.stack(np.indices(lattice.shape), axis=-1) + 0.5
+    offset = index @ lattice.cells_to_world()[:3, :3] + lattice.to_world[3, :3] - centre
+    density = np.exp(-0.5 * np.sum(offset**2, axis=-1) / width**2)
+    away = points - light.position_at(1.0)
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    offset = centre - points
+    b = np.linalg.norm(offset - np.sum(offset * away, axis=1)[:, None] * away, axis=1)
+    return density, np.exp(-3 * width * np.sqrt(2 * np.pi) * np.exp(-0.5 * (b / width) ** 2))
+
+
+def test_true_rays_and_transmittance_are_right(launcher, lattice_at, point_light, transmittance):
+    """With a point light near by, true rays and e^(−τ) tend to the closed form; parallel rays and opacity do not."""
+    light = point_light((0.6, 2.5, -0.4))
+    points = np.random.default_rng(0).uniform((-1.5, -3, -1.5), (1, -2.5, 1.5), (4000, 3))
+    errors = {}
+    for cells in (32, 64, 128):
+        lattice = lattice_at((cells,) * 3, voxel_size=2 / cells)
+        density, expected = _blob_lit(lattice, light, points)
+        for projection, compositing in (("rays", "transmittance"), ("parallel", "transmittance"), ("rays", "opacity")):
+            chosen = replace(light, smoke_projection=projection, smoke_compositing=compositing)
+            size = cells // 2  # texels wider than voxels, so that none is missed
+            shadow = _shadow(launcher, lattice, chosen, density, 3.0, texels=(size, size))
+            error = np.abs(transmittance(shadow, points=points) - expected).mean()
+            errors.setdefault((projection, compositing), []).append(error)
+    right = errors.pop(("rays", "transmittance"))
+    assert -np.polyfit(np.log([32, 64, 128]), np.log(right), 1)[0] > 0.8
+    assert right[-1] < 4e-3
+    for wrong in errors.values():
+        assert wrong[-1] > 5 * right[-1]
+
+
+def test_true_rays_need_a_light_in_front_of_the_box(launcher, lattice_at, point_light, distant_light):
+    """Beside the box rays cannot be projected on one plane: one line; a distant light's rays are parallel anyway."""
     lattice = lattice_at((8, 8, 8))
-    for position in ((0, 0, 0), (1, 2, 3), (4, 0, 0)):
+    beside = replace(point_light((4.5, 3.5, 3.5)), smoke_projection="rays")
+    with pytest.raises(ValueError, match=r"/light: position is at .*too near to it.*ray_traced"):
+        DpdSmokeShadow(launcher, lattice, beside, ORIGIN, 1.0)
+    density = np.random.default_rng(0).random(lattice.shape)
+    sun = distant_light((0.3, -1, 0.2))
+    rays = _shadow(launcher, lattice, replace(sun, smoke_projection="rays"), density).buffer()
+    np.testing.assert_array_equal(rays, _shadow(launcher, lattice, sun, density).buffer())
+
+
+def test_light_inside_is_refused(launcher, lattice_at, point_light):
+    """A light inside the domain, at its centre, on a side or a corner raises one line that names it and what to do."""
+    lattice = lattice_at((8, 8, 8))
+    for position in ((0, 0, 0), (1, 2, 3), (4, 0, 0), (4, 4, 4)):
         with pytest.raises(ValueError, match=r"/light: position is at .*ray_traced"):
             DpdSmokeShadow(launcher, lattice, point_light(position), ORIGIN, 1.0)
 

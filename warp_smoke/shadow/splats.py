@@ -44,36 +44,37 @@ class Splat(NamedTuple):
     Attributes:
         depths: of the samples in each slice, 0 to 1.
         reach: how far a cell's centre is from a texel that it adds to, in cells, as a function of a.
-        weigh: weight before the division by a, as a function of u and a.
+        weigh: weight before the division by a, as a function of where the texel begins and ends, from the cell's
+            centre in texels, and of a. Neighbours share their ends to the bit, so that no cell falls between them.
         beyond: how far smoke reaches beyond the box on fine texels, in cells.
     """
 
     depths: tuple[float, ...]
     reach: Callable[[np.ndarray], np.ndarray]
-    weigh: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    weigh: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
     beyond: float = 0.5
 
 
-def _nearest(u: np.ndarray, a: np.ndarray) -> np.ndarray:
-    return ((u >= -0.5) & (u < 0.5)).astype(float)
+def _nearest(begin: np.ndarray, end: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return ((begin <= 0.0) & (end > 0.0)).astype(float)
 
 
-def _bilinear(u: np.ndarray, a: np.ndarray) -> np.ndarray:
-    return np.maximum(0.0, 1.0 - np.abs(u))
+def _bilinear(begin: np.ndarray, end: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return np.maximum(0.0, 1.0 - 0.5 * np.abs(begin + end))
 
 
-def _gaussian(u: np.ndarray, a: np.ndarray) -> np.ndarray:
+def _gaussian(begin: np.ndarray, end: np.ndarray, a: np.ndarray) -> np.ndarray:
     width, reach = _GAUSSIAN_WIDTH / a, _GAUSSIAN_REACH / a
 
     def below(edge: np.ndarray) -> np.ndarray:
         return np.where(edge >= reach, 1.0, np.where(edge <= -reach, 0.0, ndtr(edge / width)))
 
-    return below(u + 0.5) - below(u - 0.5)
+    return below(end) - below(begin)
 
 
-def _footprint(u: np.ndarray, a: np.ndarray) -> np.ndarray:
+def _footprint(begin: np.ndarray, end: np.ndarray, a: np.ndarray) -> np.ndarray:
     half = 0.5 / a
-    return np.maximum(0.0, np.minimum(u + 0.5, half) - np.maximum(u - 0.5, -half)) * a
+    return np.maximum(0.0, np.minimum(end, half) - np.maximum(begin, -half)) * a
 
 
 _GAUSS_POINTS = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
@@ -104,9 +105,11 @@ def _taps(splat: Splat, a: np.ndarray, b: np.ndarray, texels: int, cells: int, s
     """Weights of cells, centres at i + ½, on texels at a n + b."""
     a = a[:, None]
     place = a * np.arange(texels) + b[:, None]
-    reach = splat.reach(a)
+    reach = splat.reach(a) + 1e-6  # of a cell more, so that round-off leaves none out
     count = min(int(np.ceil(2.0 * reach.max())) + 1, cells)
     first = np.clip(np.ceil(place - reach - 0.5).astype(int), 0, cells - count)
-    u = (place[..., None] - (first[..., None] + np.arange(count) + 0.5)) / a[..., None]
-    weight = splat.weigh(u, a[..., None]) * (share / a[..., None])
+    edges = a * (np.arange(texels + 1) - 0.5) + b[:, None]
+    centres = first[..., None] + np.arange(count) + 0.5
+    begin, end = ((edge[..., None] - centres) / a[..., None] for edge in (edges[:, :-1], edges[:, 1:]))
+    weight = splat.weigh(begin, end, a[..., None]) * (share / a[..., None])
     return Taps(first.astype(np.int32), weight.astype(np.float32))
