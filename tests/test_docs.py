@@ -25,6 +25,17 @@ def test_links_lead_somewhere(page):
             assert (page.parent / target).exists(), target
 
 
+def test_usd_example_smokes(tmp_path):
+    """The stage in the README reads without a warning and calls for smoke."""
+    import warp_smoke as ws
+
+    text = re.search(r"```usda\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL).group(1)
+    (tmp_path / "least.usda").write_text(text)
+    scene = ws.Scene.open(tmp_path / "least.usda")
+    assert scene.warnings == ()
+    assert "advect_density" in ws.make_plan(scene).domains[0].passes
+
+
 @pytest.mark.parametrize("page", EXAMPLES, ids=lambda page: page.name)
 def test_python_examples_run(page, tmp_path, monkeypatch):
     """The Python examples of a page run one after the other, on small versions of the stages."""
