@@ -6,7 +6,7 @@ Reading a stage and planning load neither Warp nor pyvista; simulating and looki
 from importlib import import_module
 from importlib.metadata import version
 
-from warp_smoke.geometry import Mesh
+from warp_smoke.geometry import Mesh, Points
 from warp_smoke.plan import Plan, make_plan
 from warp_smoke.preview import preview
 from warp_smoke.record import Samples
@@ -40,6 +40,7 @@ __all__ = [
     "Mesh",
     "Plan",
     "PointLight",
+    "Points",
     "Receiver",
     "Result",
     "Samples",

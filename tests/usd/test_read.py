@@ -386,7 +386,7 @@ def test_prototypes_of_a_point_instancer_are_not_read(tmp_path):
         (
             'def Xform "G" ( apiSchemas = ["SmokeEmitterAPI"] ) { }',
             "/World/G: apiSchemas is SmokeEmitterAPI on Xform; "
-            "allowed: that schema on a Mesh, Sphere, Cube, Cylinder, Cone, Capsule or Plane",
+            "allowed: that schema on a Mesh, Sphere, Cube, Cylinder, Cone, Capsule or Plane; SmokeEmitterAPI on Points",
         ),
         (
             'def Cube "C" ( apiSchemas = ["SmokeColliderAPI"] ) { float smoke:thickness = -1 }',

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade, UsdVol, Vt
 
-from warp_smoke.geometry import Mesh
+from warp_smoke.geometry import Mesh, Points
 from warp_smoke.record import FieldError, Record, Samples, each_value
 from warp_smoke.scene import (
     Camera,
@@ -65,7 +65,8 @@ def author_scene(scene: Scene, path: str | Path) -> None:
     for domain in scene.domains:
         _author_domain(stage, domain)
     for emitter in scene.emitters:
-        _author_smoke_fields(_author_shape(stage, emitter), "SmokeEmitterAPI", emitter)
+        author_shape = _author_points if isinstance(emitter.mesh, Points) else _author_shape
+        _author_smoke_fields(author_shape(stage, emitter), "SmokeEmitterAPI", emitter)
     for collider in scene.colliders:
         _author_smoke_fields(_author_shape(stage, collider), "SmokeColliderAPI", collider)
     for path_of_guide in {r.path for r in (*scene.emitters, *scene.colliders)} - {s.path for s in scene.surfaces}:
@@ -209,6 +210,21 @@ def _author_shape(stage: Usd.Stage, record: Emitter | Collider | Surface) -> Usd
         st.Set(Vt.Vec2fArray.FromNumpy(values))
         st.SetIndices(Vt.IntArray.FromNumpy(indices.ravel().astype(np.int32)))
     _author_transform(geom.GetPrim(), record)
+    return geom.GetPrim()
+
+
+def _author_points(stage: Usd.Stage, emitter: Emitter) -> Usd.Prim:
+    """The Points prim of an emitter."""
+    geom = UsdGeom.Points.Define(stage, emitter.path)
+    points, widths = emitter.mesh.points, emitter.mesh.widths
+    for attribute, value in ((geom.CreatePointsAttr(), points), (geom.CreateWidthsAttr(), widths)):
+        times = value.times.tolist() if isinstance(value, Samples) else [Usd.TimeCode.Default()]
+        for time, one in zip(times, each_value(value), strict=True):
+            attribute.Set(Vt.Vec3fArray.FromNumpy(one) if one.ndim == 2 else Vt.FloatArray.FromNumpy(one), time)
+    every, radius = each_value(points).reshape(-1, 3), each_value(widths).max(initial=0.0) / 2.0
+    if len(every):
+        geom.CreateExtentAttr([(every.min(axis=0) - radius).tolist(), (every.max(axis=0) + radius).tolist()])
+    _author_transform(geom.GetPrim(), emitter)
     return geom.GetPrim()
 
 

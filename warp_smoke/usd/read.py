@@ -20,7 +20,7 @@ from warp_smoke.usd.read_camera import read_camera
 from warp_smoke.usd.read_instances import InstanceReader, instanced_prims
 from warp_smoke.usd.read_light import is_ambient, link_light, read_ambient, read_light
 from warp_smoke.usd.read_material import MaterialReader
-from warp_smoke.usd.read_mesh import has_geometry, read_geometry
+from warp_smoke.usd.read_mesh import has_geometry, read_geometry, read_spheres
 from warp_smoke.usd.read_smoke import read_collider, read_domain, read_emitter, read_receiver, stray_attributes
 from warp_smoke.usd.reader import StageReader, bad_input
 from warp_smoke.usd.schema import register_schema
@@ -132,9 +132,11 @@ class _Contents:
                 self.add(inside, each)
         elif has_geometry(prim):
             self._add_geometry(reader, prim, applied)
+        elif prim.IsA(UsdGeom.Points) and "SmokeEmitterAPI" in applied and "SmokeColliderAPI" not in applied:
+            self.emitters.append(read_emitter(reader, prim, read_spheres(reader, prim)))
         elif applied & {"SmokeEmitterAPI", "SmokeColliderAPI"}:
             kind = f"{min(applied & {'SmokeEmitterAPI', 'SmokeColliderAPI'})} on {prim.GetTypeName() or 'no type'}"
-            allowed = "that schema on a Mesh, Sphere, Cube, Cylinder, Cone, Capsule or Plane"
+            allowed = "that schema on a Mesh, Sphere, Cube, Cylinder, Cone, Capsule or Plane; SmokeEmitterAPI on Points"
             raise reader.error(prim.GetPath(), "apiSchemas", kind, allowed)
         elif is_ambient(prim):
             self.ambient += read_ambient(reader, prim)

@@ -1,4 +1,4 @@
-"""Geometry as triangle meshes: `UsdGeomMesh` as its cage, and the gprims.
+"""Geometry as triangle meshes: `UsdGeomMesh` as its cage, and the gprims; and points as small spheres.
 
 Normals: those authored, for meshes with a subdivision scheme too. Without any, a mesh with scheme `none` is faceted
 and one with another scheme is smooth, as its limit surface would be.
@@ -10,8 +10,8 @@ from functools import lru_cache
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from warp_smoke.geometry import Mesh, corner_normals, normalized
-from warp_smoke.record import FieldError, Samples, one_of, positive
+from warp_smoke.geometry import Mesh, Points, corner_normals, normalized
+from warp_smoke.record import FieldError, Samples, each_value, one_of, positive
 from warp_smoke.scene import AXES
 from warp_smoke.usd.names import MESH
 from warp_smoke.usd.prims import uv_primvar
@@ -37,6 +37,36 @@ def read_geometry(reader: StageReader, prim: Usd.Prim) -> Mesh:
 def has_geometry(prim: Usd.Prim) -> bool:
     """Whether a prim's shape can be read: a mesh or a gprim with a surface."""
     return prim.IsA(UsdGeom.Mesh) or prim.GetTypeName() in GPRIMS
+
+
+def read_spheres(reader: StageReader, prim: Usd.Prim) -> Points:
+    """The points of a `UsdGeomPoints`, in its local space.
+
+    Raises:
+        ValueError: one line naming file, prim and attribute.
+    """
+    with reader.naming(prim.GetPath(), {}):
+        points = _read_points(reader, UsdGeom.Points(prim))
+        return Points(points, _read_widths(reader, prim, each_value(points).shape[1]))
+
+
+def _read_widths(reader: StageReader, prim: Usd.Prim, count: int) -> np.ndarray | Samples:
+    """One width a point, [n] float32, or Samples [t, n]."""
+    geom, primvar = UsdGeom.Points(prim), UsdGeom.PrimvarsAPI(prim).GetPrimvar("widths")
+    attribute, interpolation = geom.GetWidthsAttr(), geom.GetWidthsInterpolation()
+    if primvar and primvar.HasAuthoredValue():
+        attribute, interpolation = primvar.GetAttr(), primvar.GetInterpolation()
+
+    def widths_at(time: float) -> np.ndarray:
+        widths = _array(attribute.Get(time), np.float32)
+        if interpolation == UsdGeom.Tokens.constant and len(widths) == 1:
+            return np.repeat(widths, count)
+        if len(widths) != count:
+            allowed = f"{count}, one a point, or one with constant interpolation"
+            raise FieldError(str(prim.GetPath()), "widths", f"{len(widths)} values", allowed)
+        return widths
+
+    return reader.over_time(reader.sample_times([attribute]), widths_at)
 
 
 def _read_polygons(reader: StageReader, mesh: UsdGeom.Mesh) -> Mesh:
@@ -80,7 +110,7 @@ def _read_polygons(reader: StageReader, mesh: UsdGeom.Mesh) -> Mesh:
     )
 
 
-def _read_points(reader: StageReader, mesh: UsdGeom.Mesh) -> np.ndarray | Samples:
+def _read_points(reader: StageReader, mesh: UsdGeom.PointBased) -> np.ndarray | Samples:
     """The points [n, 3] float32, or Samples [t, n, 3]."""
     attribute = mesh.GetPointsAttr()
     first = _array(attribute.Get(reader.start), np.float32).reshape(-1, 3)

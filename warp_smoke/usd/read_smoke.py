@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from pxr import Usd, UsdGeom
 
-from warp_smoke.geometry import Mesh
+from warp_smoke.geometry import Mesh, Points
 from warp_smoke.record import FieldError, Record, Samples, positive
 from warp_smoke.scene import Collider, Emitter, Receiver, SmokeDomain
 from warp_smoke.usd.names import TRANSFORM, smoke_fields
@@ -23,12 +23,10 @@ def read_domain(reader: StageReader, prim: Usd.Prim) -> SmokeDomain:
     with reader.naming(prim.GetPath(), names):
         lower, upper = _read_box(reader, prim)
         fields = read_smoke_fields(reader, prim, "SmokeDomainAPI", SmokeDomain)
-        return SmokeDomain(
-            path=reader.path(prim), transform=reader.transform(prim), lower=lower, upper=upper, **fields
-        )
+        return SmokeDomain(path=reader.path(prim), transform=reader.transform(prim), lower=lower, upper=upper, **fields)
 
 
-def read_emitter(reader: StageReader, prim: Usd.Prim, mesh: Mesh) -> Emitter:
+def read_emitter(reader: StageReader, prim: Usd.Prim, mesh: Mesh | Points) -> Emitter:
     """The emitter that a prim with this shape marks.
 
     Raises:
