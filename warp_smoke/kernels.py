@@ -14,7 +14,7 @@ _FLUID = {
     "add_buoyancy": ("fluid.forces",),
     "confine_vorticity": ("fluid.forces", "fluid.vorticity"),
     "project_pressure": ("fluid.operators", "fluid.measures"),
-    "project_pressure spectral": ("fluid.pressure.spectral",),
+    "project_pressure spectral": ("fluid.pressure.spectral", "fluid.transforms"),
     "project_pressure multigrid": (
         *_CONJUGATE_GRADIENTS,
         "fluid.pressure.v_cycle",
@@ -27,6 +27,7 @@ _FLUID = {
     ),
     "project_pressure conjugate_gradient": (*_CONJUGATE_GRADIENTS, "fluid.pressure.preconditioner"),
     "project_pressure red_black": (*_ITERATIVE, "fluid.pressure.relaxation"),
+        "fluid.transforms",
     "project_pressure jacobi": (*_ITERATIVE, "fluid.pressure.relaxation"),
     "advect_density": ("fluid.trace", "fluid.advection"),
     "dissipate_density": ("fluid.dissipation",),

@@ -5,7 +5,7 @@ import pytest
 from staggered import ALL_SIDES, CLOSED, MIXED, OPEN, no_velocity, random_velocity
 
 from warp_smoke.fluid.operators import close_sides, measure_divergence, subtract_gradient
-from warp_smoke.fluid.pressure.spectral import FastTransforms, MatrixTransforms, SpectralPressure
+from warp_smoke.fluid.pressure.spectral import SpectralPressure
 from warp_smoke.launch import Launcher
 
 
@@ -168,22 +168,6 @@ def test_second_order_in_space(launcher):
         errors.append(np.abs(found - p).max())
     slope = -np.polyfit(np.log([8, 16, 32]), np.log(errors), 1)[0]
     assert slope == pytest.approx(2.0, abs=0.05)
-
-
-@pytest.mark.parametrize("sides", [CLOSED, OPEN, MIXED, MIXED[::-1]])
-def test_matrices_equal_fast_transforms(sides):
-    """The transforms that CUDA uses and those of scipy agree, forward and back."""
-    launcher, shape = Launcher("cpu", 1), (6, 11, 8)
-    field = launcher.array(np.random.default_rng(2).standard_normal(shape).astype(np.float32), "test")
-    fast, dense = launcher.zeros(shape, "test"), launcher.zeros(shape, "test")
-    one, other = FastTransforms(launcher, shape, sides), MatrixTransforms(launcher, shape, sides)
-    one.forward(field, fast)
-    other.forward(field, dense)
-    np.testing.assert_allclose(dense.numpy(), fast.numpy(), atol=5e-6)
-    one.inverse(fast)
-    other.inverse(dense)
-    np.testing.assert_allclose(fast.numpy(), field.numpy(), atol=5e-6)
-    np.testing.assert_allclose(dense.numpy(), field.numpy(), atol=5e-6)
 
 
 @pytest.mark.parametrize("sides", [CLOSED, MIXED], ids=["closed", "mixed"])

@@ -1,24 +1,17 @@
 """Exact pressure in an empty box: sine and cosine transforms along k and j, a tridiagonal solve along i.
 
-Along an axis of n cells, L has the eigenvalues −λ, λ_m = 2 − 2 cos(π s / n), and its eigenvectors are a discrete
-cosine or sine transform (G. Strang, The Discrete Cosine Transform, 1999):
-
-    sides           transform   s
-    closed, closed  DCT-II      m
-    open, open      DST-II      m + 1
-    closed, open    DCT-IV      m + ½
-    open, closed    DST-IV      m + ½
+The modes are those of `fluid/transforms.py`: pressure is 0 on open sides (odd) and has no slope on closed ones (even).
 """
 
 from math import isfinite, sqrt
 
 import numpy as np
-import scipy.fft
 import warp as wp
 
 from warp_smoke.fluid.operators import side_weights
 from warp_smoke.fluid.pressure.status import PressureStatus
 from warp_smoke.fluid.pressure.sums import Sums, dense_parts
+from warp_smoke.fluid.transforms import EVEN, ODD, FastTransforms, MatrixTransforms, Modes, cell_modes
 from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
@@ -69,36 +62,6 @@ def _remove_mean_mode(rows: Rows, modes_inout: wp.array3d[float], mean_out: wp.a
     for i in range(modes_inout.shape[0]):
         modes_inout[i, 0, 0] = modes_inout[i, 0, 0] - mean
     mean_out[n] = mean
-
-
-@wp.kernel
-def _transform_j(rows: Rows, matrix: wp.array2d[float], a: wp.array3d[float], a_out: wp.array3d[float]):
-    """a_out_ijk = Σ_l matrix_jl a_ilk."""
-    i, j, c = wp.tid()
-    i += rows.first
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, a.shape[2])
-    while k < end:
-        total = wp.float32(0.0)
-        for other in range(a.shape[1]):
-            total += matrix[j, other] * a[i, other, k]
-        a_out[i, j, k] = total
-        k += 1
-
-
-@wp.kernel
-def _transform_k(rows: Rows, matrix: wp.array2d[float], a: wp.array3d[float], a_out: wp.array3d[float]):
-    """a_out_ijk = Σ_l matrix_kl a_ijl."""
-    i, j, c = wp.tid()
-    i += rows.first
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, a.shape[2])
-    while k < end:
-        total = wp.float32(0.0)
-        for other in range(a.shape[2]):
-            total += matrix[k, other] * a[i, j, other]
-        a_out[i, j, k] = total
-        k += 1
 
 
 @wp.kernel
@@ -159,74 +122,14 @@ def _sum_residual(
         j += 1
 
 
-def _transform_of(lower: str, upper: str) -> tuple:
-    """The transform of an axis with these sides: scipy's function, its inverse, its type, and the shift of s."""
-    return {
-        ("closed", "closed"): (scipy.fft.dct, scipy.fft.idct, 2, 0.0),
-        ("open", "open"): (scipy.fft.dst, scipy.fft.idst, 2, 1.0),
-        ("closed", "open"): (scipy.fft.dct, scipy.fft.idct, 4, 0.5),
-        ("open", "closed"): (scipy.fft.dst, scipy.fft.idst, 4, 0.5),
-    }[lower, upper]
+def _modes(n: int, *sides: str) -> Modes:
+    """Modes of an axis of n cells: q is continued odd at open sides and even at closed ones."""
+    return cell_modes(n, *(ODD if side == "open" else EVEN for side in sides))
 
 
 def eigenvalues(n: int, lower: str, upper: str) -> np.ndarray:
     """λ of an axis of n cells between two sides, [n] float64: −λ q is its share of L q."""
-    shift = _transform_of(lower, upper)[3]
-    return 2.0 - 2.0 * np.cos(np.pi * (np.arange(n) + shift) / n)
-
-
-def eigenvectors(n: int, lower: str, upper: str) -> np.ndarray:
-    """Orthonormal eigenvectors of an axis of n cells between two sides, one a row, [n, n] float64."""
-    forward, _, kind, _ = _transform_of(lower, upper)
-    return forward(np.eye(n), type=kind, axis=0, norm="ortho")
-
-
-class FastTransforms:
-    """To modes along j and k and back in O(n log n), by scipy.fft on the CPU."""
-
-    def __init__(self, launcher: Launcher, shape: _Shape, sides: tuple[str, ...]):
-        self._threads = launcher.threads
-        # One cell has one mode: itself.
-        self._axes = [(axis, _transform_of(*sides[2 * axis : 2 * axis + 2])) for axis in (2, 1) if shape[axis] > 1]
-
-    def forward(self, a: wp.array, modes: wp.array) -> None:
-        """Writes the modes of `a`."""
-        wp.copy(modes, a)
-        self._apply(modes, [(axis, forward, kind) for axis, (forward, _, kind, _) in self._axes])
-
-    def inverse(self, modes: wp.array) -> None:
-        """Replaces modes by the field that they make up."""
-        self._apply(modes, [(axis, inverse, kind) for axis, (_, inverse, kind, _) in reversed(self._axes)])
-
-    def _apply(self, array: wp.array, steps: list) -> None:
-        values = result = array.numpy()  # shares the array's memory
-        for axis, transform, kind in steps:
-            result = transform(result, type=kind, axis=axis, norm="ortho", overwrite_x=True, workers=self._threads)
-        if not np.may_share_memory(result, values):  # scipy may, but need not, work in place
-            values[...] = result
-
-
-class MatrixTransforms:
-    """To modes along j and k and back by matrices of eigenvectors, on any device."""
-
-    def __init__(self, launcher: Launcher, shape: _Shape, sides: tuple[str, ...]):
-        self._launcher, self._shape = launcher, shape
-        matrices = [eigenvectors(shape[axis], *sides[2 * axis : 2 * axis + 2]) for axis in (1, 2)]
-        self._along_j, self._along_k = (launcher.array(m.astype(np.float32), "pressure") for m in matrices)
-        self._back_j, self._back_k = (
-            launcher.array(np.ascontiguousarray(m.T, np.float32), "pressure") for m in matrices
-        )
-        self._scratch = launcher.zeros(shape, "pressure")
-
-    def forward(self, a: wp.array, modes: wp.array) -> None:
-        """Writes the modes of `a`."""
-        self._launcher.launch(_transform_k, self._shape, self._along_k, a, self._scratch)
-        self._launcher.launch(_transform_j, self._shape, self._along_j, self._scratch, modes)
-
-    def inverse(self, modes: wp.array) -> None:
-        """Replaces modes by the field that they make up."""
-        self._launcher.launch(_transform_j, self._shape, self._back_j, modes, self._scratch)
-        self._launcher.launch(_transform_k, self._shape, self._back_k, self._scratch, modes)
+    return _modes(n, lower, upper).eigenvalues
 
 
 class SpectralPressure:
@@ -244,8 +147,11 @@ class SpectralPressure:
             sides: open or closed for each of -x +x -y +y -z +z.
         """
         self._launcher, self._shape, self._sides = launcher, shape, sides
-        transforms = FastTransforms if launcher.device.is_cpu else MatrixTransforms
-        self._transforms = transforms(launcher, shape, sides)
+        modes = {axis: _modes(shape[axis], *sides[2 * axis : 2 * axis + 2]) for axis in (2, 1)}
+        if launcher.device.is_cpu:
+            self._transforms = FastTransforms(launcher, modes)
+        else:
+            self._transforms = MatrixTransforms(launcher, modes, shape, "pressure")
         self._factor = launcher.array(_tridiagonal_factor(shape, sides), "pressure")
         self._singular = "open" not in sides
         self._mean = launcher.zeros(1, "pressure")
