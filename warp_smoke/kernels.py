@@ -17,6 +17,9 @@ _FLUID = {
     "project_pressure spectral": ("fluid.pressure.spectral", "fluid.transforms"),
     "project_pressure multigrid": (
         *_CONJUGATE_GRADIENTS,
+        "fluid.pressure.levels",
+        "fluid.pressure.smoothing",
+        "fluid.pressure.transfer",
         "fluid.pressure.v_cycle",
         "fluid.pressure.split_levels",
     ),

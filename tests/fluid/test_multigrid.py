@@ -5,7 +5,7 @@ import pytest
 from pressure_cases import solve, solver_of
 from staggered import CLOSED, MIXED, OPEN, face_shapes, open_shares
 
-from warp_smoke.fluid.pressure.v_cycle import level_shapes
+from warp_smoke.fluid.pressure.levels import level_shapes
 
 FLOOR = ("open", "open", "closed", "open", "open", "open")
 

@@ -10,14 +10,13 @@ import scipy.sparse
 import scipy.sparse.csgraph
 import warp as wp
 
+from warp_smoke.fluid.pressure.levels import FEW_CELLS
 from warp_smoke.launch import Launcher, Rows
 
 wp.set_module_options({"enable_backward": False})
 
 # Arrays hold a multiple of this many cells, so that moving solids seldom need other arrays and launches.
 _GRAIN = 256
-# Levels with no more cells than this are solved directly.
-FEW_CELLS = 128
 # Sweeps on a last level with more cells: only thin layers between open sides end so, and they are well conditioned.
 LAST_SWEEPS = 8
 

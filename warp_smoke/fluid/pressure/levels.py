@@ -1,0 +1,315 @@
+"""Levels of a multigrid V-cycle on the grid: sizes, face weights, and where walls stand in them.
+
+Every level has the operator L e = Σ w (e_neighbour − e) with a weight for each face, and e = 0 in layers of cells
+around it. Cell n of an axis lies at index n + 1 of the arrays, and the face below it too.
+"""
+
+from math import prod
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+import warp as wp
+
+from warp_smoke.fluid.operators import side_weights
+from warp_smoke.fluid.pressure.iterative import FaceWeights
+from warp_smoke.launch import Launcher, Rows
+
+wp.set_module_options({"enable_backward": False})
+
+# Levels with no more cells than this are solved directly.
+FEW_CELLS = 128
+_UNITS = np.eye(3, dtype=int)
+_EightInts = wp.types.vector(length=8, dtype=wp.int32)
+
+_Shape = tuple[int, int, int]
+_Weights = tuple[wp.array, wp.array, wp.array]
+
+
+@wp.kernel
+def _copy_weights(
+    rows: Rows,
+    share: wp.array3d[float],
+    along: wp.vec3i,
+    lower: float,
+    upper: float,
+    w_out: wp.array3d[float],
+):
+    """Sets w = a share: a = 1 inside, `lower` and `upper` on the two sides across the axis that is 1 in `along`."""
+    i, j, c = wp.tid()
+    i += rows.first
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, share.shape[2])
+    last = wp.dot(along, wp.vec3i(share.shape[0], share.shape[1], share.shape[2])) - 1
+    while k < end:
+        face = wp.dot(along, wp.vec3i(i, j, k))
+        a = wp.where(face == 0, lower, wp.where(face == last, upper, 1.0))
+        w_out[i + 1, j + 1, k + 1] = a * share[i, j, k]
+        k += 1
+
+
+@wp.kernel
+def _coarsen_weights(
+    rows: Rows,
+    fine: wp.array3d[float],
+    along: wp.vec3i,
+    across: wp.vec3i,
+    beside: wp.vec3i,
+    last: int,
+    upper: float,
+    w_out: wp.array3d[float],
+):
+    """w_n = mean of the four fine weights on the coarse face, times `upper` on face `last`."""
+    i, j, c = wp.tid()
+    i += rows.first
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, w_out.shape[2] - 3 + along[2])
+    while k < end:
+        x = 2 * i + 1
+        y = 2 * j + 1
+        z = 2 * k + 1
+        total = fine[x, y, z] + fine[x + across[0], y + across[1], z + across[2]]
+        total += fine[x + beside[0], y + beside[1], z + beside[2]]
+        total += fine[x + across[0] + beside[0], y + across[1] + beside[1], z + across[2] + beside[2]]
+        face = wp.dot(along, wp.vec3i(i, j, k))
+        w_out[i + 1, j + 1, k + 1] = 0.25 * wp.where(face == last, upper, 1.0) * total
+        k += 1
+
+
+@wp.kernel
+def _invert_diagonal(
+    rows: Rows,
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    inverse_out: wp.array3d[float],
+):
+    """Sets inverse = 1 / Σ w over the faces of a cell; 0 where all are closed."""
+    i, j, c = wp.tid()
+    x = i + rows.first + 1
+    y = j + 1
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, inverse_out.shape[2] - 3)
+    while k < end:
+        z = k + 1
+        total = wx[x, y, z] + wx[x + 1, y, z] + wy[x, y, z] + wy[x, y + 1, z] + wz[x, y, z] + wz[x, y, z + 1]
+        inverse_out[x, y, z] = wp.where(total > 0.0, 1.0 / wp.max(total, 1.0e-6), 0.0)
+        k += 1
+
+
+@wp.func
+def _is_wall(weight: float, inverse_a: float, inverse_b: float):
+    """Whether a closed face separates two cells that both have open ones."""
+    return weight == 0.0 and inverse_a > 0.0 and inverse_b > 0.0
+
+
+@wp.kernel
+def _mark_walls(
+    rows: Rows,
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    inverse: wp.array3d[float],
+    wall_out: wp.array3d[float],
+):
+    """Sets wall = 1 for a cell with a wall on its lower side along any axis."""
+    i, j, c = wp.tid()
+    x = i + rows.first + 1
+    y = j + 1
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, inverse.shape[2] - 3)
+    while k < end:
+        z = k + 1
+        m = inverse[x, y, z]
+        wall = wp.float32(0.0)
+        if (
+            _is_wall(wx[x, y, z], m, inverse[x - 1, y, z])
+            or _is_wall(wy[x, y, z], m, inverse[x, y - 1, z])
+            or _is_wall(wz[x, y, z], m, inverse[x, y, z - 1])
+        ):
+            wall = 1.0
+        wall_out[x - 1, y - 1, k] = wall
+        k += 1
+
+
+@wp.kernel
+def _mark_split(
+    rows: Rows,
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    inverse: wp.array3d[float],
+    split_out: wp.array3d[float],
+):
+    """Sets split = 1 for a 2 × 2 × 2 block whose cells are not all connected inside it."""
+    i, j, c = wp.tid()
+    i += rows.first
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, (inverse.shape[2] - 2) / 2)
+    while k < end:
+        x = 2 * i + 1
+        y = 2 * j + 1
+        z = 2 * k + 1
+        cells = wp.int32(0)
+        links = _EightInts()
+        for n in range(8):
+            a = n // 4
+            b = n // 2 % 2
+            g = n % 2
+            if inverse[x + a, y + b, z + g] > 0.0:
+                cells += 1 << n
+            if wx[x + 1, y + b, z + g] > 0.0:
+                links[n] = links[n] | (1 << (n ^ 4))
+            if wy[x + a, y + 1, z + g] > 0.0:
+                links[n] = links[n] | (1 << (n ^ 2))
+            if wz[x + a, y + b, z + 1] > 0.0:
+                links[n] = links[n] | (1 << (n ^ 1))
+        reached = cells & -cells
+        for _ in range(7):
+            for n in range(8):
+                if (reached >> n) & 1 == 1:
+                    reached = reached | links[n]
+        split_out[i, j, k] = wp.where(reached == cells, 0.0, 1.0)
+        k += 1
+
+
+class Level(NamedTuple):
+    """Arrays of a level, each with a layer of zeros below and two above: they cover 2 × 2 × 2 cells of odd sizes.
+
+    Attributes:
+        shape: its cells along each axis.
+        inverse: 1 / Σ w of each cell.
+        source: d.
+        e, other: the correction, before and after a sweep.
+        weights: w across x, y and z; None on a finest level without walls between its cells, which needs none.
+    """
+
+    shape: _Shape
+    inverse: wp.array
+    source: wp.array
+    e: wp.array
+    other: wp.array
+    weights: _Weights | None
+
+
+def level_shapes(shape: _Shape, sides: tuple[str, ...]) -> list[_Shape]:
+    """Cells along each axis on each level.
+
+    Beyond a closed side a coarse cell may stick out, as if into a solid. An open side has its p = 0 half a coarse cell
+    from the last centre or farther, up to 1 ½.
+    """
+    shapes = [shape]
+    while prod(shapes[-1]) > FEW_CELLS:
+        coarse = tuple(n // 2 if sides[2 * axis + 1] == "open" else (n + 1) // 2 for axis, n in enumerate(shapes[-1]))
+        if 0 in coarse:
+            break
+        shapes.append(coarse)
+    return shapes
+
+
+class GridLevels:
+    """All levels.
+
+    Attributes:
+        levels: the finest first.
+    """
+
+    def __init__(self, launcher: Launcher, shape: _Shape, sides: tuple[str, ...]):
+        """Allocates; `prepare` takes in the solids.
+
+        Args:
+            launcher: where it runs.
+            shape: cells along each axis (nx, ny, nz).
+            sides: open or closed for each of -x +x -y +y -z +z.
+        """
+        self._launcher, self._sides = launcher, sides
+        self.levels = []
+        for number, cells in enumerate(level_shapes(shape, sides)):
+            arrays = [self._zeros(cells) for _ in range(4)]
+            self.levels.append(Level(cells, *arrays, self._faces(cells) if number else None))
+        self._finest_weights = None  # allocated when they are needed
+        self._marks = launcher.zeros(shape, "pressure")
+
+    def _zeros(self, cells: _Shape) -> wp.array:
+        return self._launcher.zeros(tuple(n + 3 for n in cells), "pressure")
+
+    def _faces(self, cells: _Shape) -> _Weights:
+        return tuple(self._zeros(cells) for _ in range(3))
+
+    def prepare(self, operator: FaceWeights) -> None:
+        """Takes in which faces are open: each wholly or not at all."""
+        finest = self.levels[0]
+        # Without walls the finest level needs its weights only here: they borrow its work arrays.
+        borrowed = (finest.source, finest.e, finest.other)
+        weights = self._finest_weights or borrowed
+        self._copy_weights(operator, weights)
+        self._launcher.launch(_invert_diagonal, finest.shape, *weights, finest.inverse)
+        walls = self._mark(_mark_walls, finest._replace(weights=weights), finest.shape) > 0
+        needed = walls or len(self.levels) == 1  # the direct solver reads them
+        if needed and self._finest_weights is None:
+            weights = self._finest_weights = self._faces(finest.shape)
+            self._copy_weights(operator, weights)
+        self.levels[0] = finest._replace(weights=weights if needed else None)
+        for number, coarse in enumerate(self.levels[1:], 1):
+            for axis, fine in enumerate(weights):
+                turned = (wp.vec3i(*_UNITS[(axis + turn) % 3]) for turn in range(3))
+                faces = tuple(n + (axis == along) for along, n in enumerate(coarse.shape))
+                args = (fine, *turned, coarse.shape[axis], self._upper_factor(number, axis), coarse.weights[axis])
+                self._launcher.launch(_coarsen_weights, faces, *args)
+            self._launcher.launch(_invert_diagonal, coarse.shape, *coarse.weights, coarse.inverse)
+            weights = coarse.weights
+        for array in borrowed:
+            array.zero_()
+
+    def count_split(self, number: int) -> int:
+        """Blocks of 2 × 2 × 2 cells that walls split on a level; 0 on a finest one without walls."""
+        level = self.levels[number]
+        if level.weights is None:
+            return 0
+        return self._mark(_mark_split, level, self.levels[number + 1].shape)
+
+    def _copy_weights(self, operator: FaceWeights, weights_out: _Weights) -> None:
+        lower, upper = side_weights(self._sides)
+        for axis, (share, weights) in enumerate(zip(operator.shares, weights_out, strict=True)):
+            args = (share, wp.vec3i(*_UNITS[axis]), lower[axis], upper[axis], weights)
+            self._launcher.launch(_copy_weights, share.shape, *args)
+
+    def _mark(self, kernel: wp.Kernel, level: Level, shape: _Shape) -> int:
+        """How many cells, or blocks of them, a kernel marks on a level."""
+        self._launcher.launch(kernel, shape, *level.weights, level.inverse, self._marks)
+        return int(np.count_nonzero(self._marks.numpy()[: shape[0], : shape[1], : shape[2]]))
+
+    def _upper_factor(self, number: int, axis: int) -> float:
+        """Weight of the upper side on a level, over that of the fine face in its place."""
+        if self._sides[2 * axis + 1] == "closed":
+            return 1.0
+        n = self.levels[0].shape[axis]
+
+        def distance(of: int) -> float:
+            """From the last centre to the side [cells of that level]."""
+            return n / 2**of - self.levels[of].shape[axis] + 0.5
+
+        even = self.levels[number - 1].shape[axis] % 2 == 0
+        return (distance(number - 1) if even else 1.0) / distance(number)
+
+
+def level_matrix(level: Level) -> scipy.sparse.csr_array:
+    """−L over the cells of the level's arrays, those around it too: their rows are empty."""
+    numbers = np.arange(level.inverse.size).reshape(level.inverse.shape)
+    inner = np.zeros(level.inverse.shape, bool)
+    inner[tuple(slice(1, n + 1) for n in level.shape)] = True
+    rows, columns, values = [], [], []
+    for axis, weights in enumerate(level.weights):
+        w = weights.numpy().astype(np.float64)
+        below = np.roll(numbers, 1, axis)
+        for here, there in ((numbers, below), (below, numbers)):
+            at = (w > 0) & inner.ravel()[here]
+            rows.append(here[at])
+            columns.append(here[at])
+            values.append(w[at])
+            at &= inner.ravel()[there]
+            rows.append(here[at])
+            columns.append(there[at])
+            values.append(-w[at])
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    return scipy.sparse.coo_array(entries, shape=(numbers.size, numbers.size)).tocsr()

@@ -1,0 +1,291 @@
+"""Weighted Jacobi sweeps and residuals on the levels of a multigrid V-cycle.
+
+Where faces are open or closed only as cells are fluid or solid, and e = 0 in solid cells, sums over neighbours need no
+weights: so on a level without them.
+"""
+
+import warp as wp
+
+from warp_smoke.fluid.pressure.levels import Level
+from warp_smoke.fluid.pressure.sums import Sums, dense_parts
+from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _start(
+    rows: Rows,
+    residual: wp.array3d[float],
+    inverse: wp.array3d[float],
+    weight: float,
+    source_out: wp.array3d[float],
+    e_out: wp.array3d[float],
+):
+    """Copies d = r; first sweep from e = 0: e = −weight d / Σ w."""
+    i, j, c = wp.tid()
+    i += rows.first
+    r = dense(residual)
+    m = dense(inverse)
+    d = dense_store(source_out)
+    e = dense_store(e_out)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, residual.shape[2])
+    while k < end:
+        value = r[i, j, k]
+        d[i + 1, j + 1, k + 1] = bits(value)
+        e[i + 1, j + 1, k + 1] = bits(-weight * m[i + 1, j + 1, k + 1] * value)
+        k += 1
+
+
+@wp.func
+def _neighbours(e: wp.array3d[float], x: int, y: int, z: int):
+    """Σ e_neighbour: where faces are open or closed and e = 0 in solid cells, this needs no weights."""
+    return e[x - 1, y, z] + e[x + 1, y, z] + e[x, y - 1, z] + e[x, y + 1, z] + e[x, y, z - 1] + e[x, y, z + 1]
+
+
+@wp.func
+def _weighted_neighbours(
+    e: wp.array3d[float],
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    x: int,
+    y: int,
+    z: int,
+):
+    """Σ w e_neighbour."""
+    along_x = wx[x, y, z] * e[x - 1, y, z] + wx[x + 1, y, z] * e[x + 1, y, z]
+    along_y = wy[x, y, z] * e[x, y - 1, z] + wy[x, y + 1, z] * e[x, y + 1, z]
+    along_z = wz[x, y, z] * e[x, y, z - 1] + wz[x, y, z + 1] * e[x, y, z + 1]
+    return along_x + along_y + along_z
+
+
+@wp.kernel
+def _sweep(
+    rows: Rows,
+    e: wp.array3d[float],
+    source: wp.array3d[float],
+    inverse: wp.array3d[float],
+    weight: float,
+    e_out: wp.array3d[float],
+):
+    """e_out = (1 − weight) e + weight (Σ e_neighbour − d) / Σ w."""
+    i, j, c = wp.tid()
+    x = i + rows.first + 1
+    y = j + 1
+    before = dense(e)
+    d = dense(source)
+    m = dense(inverse)
+    after = dense_store(e_out)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, e.shape[2] - 3)
+    while k < end:
+        z = k + 1
+        jacobi = m[x, y, z] * (_neighbours(before, x, y, z) - d[x, y, z])
+        after[x, y, z] = bits((1.0 - weight) * before[x, y, z] + weight * jacobi)
+        k += 1
+
+
+@wp.kernel
+def _sweep_weighted(
+    rows: Rows,
+    e: wp.array3d[float],
+    source: wp.array3d[float],
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    inverse: wp.array3d[float],
+    weight: float,
+    e_out: wp.array3d[float],
+):
+    """e_out = (1 − weight) e + weight (Σ w e_neighbour − d) / Σ w."""
+    i, j, c = wp.tid()
+    x = i + rows.first + 1
+    y = j + 1
+    before = dense(e)
+    d = dense(source)
+    ox = dense(wx)
+    oy = dense(wy)
+    oz = dense(wz)
+    m = dense(inverse)
+    after = dense_store(e_out)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, e.shape[2] - 3)
+    while k < end:
+        z = k + 1
+        jacobi = m[x, y, z] * (_weighted_neighbours(before, ox, oy, oz, x, y, z) - d[x, y, z])
+        after[x, y, z] = bits((1.0 - weight) * before[x, y, z] + weight * jacobi)
+        k += 1
+
+
+@wp.kernel
+def _sweep_and_sum(
+    rows: Rows,
+    e: wp.array3d[float],
+    source: wp.array3d[float],
+    inverse: wp.array3d[float],
+    weight: float,
+    e_out: wp.array3d[float],
+    parts_out: wp.array3d[wp.float64],
+):
+    """As `_sweep`; parts of Σ d e_out."""
+    i, _, c = wp.tid()
+    i += rows.first
+    x = i + 1
+    before = dense(e)
+    d = dense(source)
+    m = dense(inverse)
+    after = dense(e_out)
+    parts = dense_parts(parts_out)
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, e.shape[2] - 3)
+    k = start
+    while k < end:
+        parts[0, i, k] = wp.float64(0.0)
+        k += 1
+    y = wp.int32(1)
+    while y < e.shape[1] - 2:
+        k = start
+        while k < end:
+            z = k + 1
+            right = d[x, y, z]
+            jacobi = m[x, y, z] * (_neighbours(before, x, y, z) - right)
+            value = (1.0 - weight) * before[x, y, z] + weight * jacobi
+            after[x, y, z] = value
+            parts[0, i, k] = parts[0, i, k] + wp.float64(right) * wp.float64(value)
+            k += 1
+        y += 1
+
+
+@wp.kernel
+def _sum_products(rows: Rows, a: wp.array3d[float], b: wp.array3d[float], parts_out: wp.array3d[wp.float64]):
+    """Parts of Σ a b over the cells inside the layers of zeros."""
+    i, _, c = wp.tid()
+    i += rows.first
+    f = dense(a)
+    g = dense(b)
+    parts = dense_parts(parts_out)
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, a.shape[2] - 3)
+    k = start
+    while k < end:
+        parts[0, i, k] = wp.float64(0.0)
+        k += 1
+    y = wp.int32(1)
+    while y < a.shape[1] - 2:
+        k = start
+        while k < end:
+            product = wp.float64(f[i + 1, y, k + 1]) * wp.float64(g[i + 1, y, k + 1])
+            parts[0, i, k] = parts[0, i, k] + product
+            k += 1
+        y += 1
+
+
+@wp.func
+def _residual(e: wp.array3d[float], d: wp.array3d[float], m: wp.array3d[float], x: int, y: int, z: int):
+    """Residual d − L e, 0 where the cell has no open face."""
+    r = d[x, y, z] - _neighbours(e, x, y, z) + e[x, y, z] / wp.max(m[x, y, z], 1.0e-6)
+    return wp.where(m[x, y, z] > 0.0, r, 0.0)
+
+
+@wp.func
+def _weighted_residual(
+    e: wp.array3d[float],
+    d: wp.array3d[float],
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    m: wp.array3d[float],
+    x: int,
+    y: int,
+    z: int,
+):
+    """Residual d − L e, 0 where the cell has no open face."""
+    r = d[x, y, z] - _weighted_neighbours(e, wx, wy, wz, x, y, z) + e[x, y, z] / wp.max(m[x, y, z], 1.0e-6)
+    return wp.where(m[x, y, z] > 0.0, r, 0.0)
+
+
+@wp.kernel
+def _measure(
+    rows: Rows,
+    e: wp.array3d[float],
+    source: wp.array3d[float],
+    inverse: wp.array3d[float],
+    residual_out: wp.array3d[float],
+):
+    """Sets r = d − L e, 0 where the cell has no open face."""
+    i, j, c = wp.tid()
+    x = i + rows.first + 1
+    y = j + 1
+    f = dense(e)
+    d = dense(source)
+    m = dense(inverse)
+    r = dense_store(residual_out)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, e.shape[2] - 3)
+    while k < end:
+        r[x, y, k + 1] = bits(_residual(f, d, m, x, y, k + 1))
+        k += 1
+
+
+@wp.kernel
+def _measure_weighted(
+    rows: Rows,
+    e: wp.array3d[float],
+    source: wp.array3d[float],
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    inverse: wp.array3d[float],
+    residual_out: wp.array3d[float],
+):
+    """Sets r = d − L e, 0 where the cell has no open face."""
+    i, j, c = wp.tid()
+    x = i + rows.first + 1
+    y = j + 1
+    f = dense(e)
+    d = dense(source)
+    ox = dense(wx)
+    oy = dense(wy)
+    oz = dense(wz)
+    m = dense(inverse)
+    r = dense_store(residual_out)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, e.shape[2] - 3)
+    while k < end:
+        r[x, y, k + 1] = bits(_weighted_residual(f, d, ox, oy, oz, m, x, y, k + 1))
+        k += 1
+
+
+def start(launcher: Launcher, level: Level, residual: wp.array, weight: float) -> None:
+    """Sets d of the finest level to a residual [nx, ny, nz], and e by the first sweep from 0."""
+    launcher.launch(_start, level.shape, residual, level.inverse, weight, level.source, level.e)
+
+
+def sweep(launcher: Launcher, level: Level, e: wp.array, weight: float, e_out: wp.array) -> None:
+    """Sets e_out to e after one weighted Jacobi sweep."""
+    if level.weights is None:
+        launcher.launch(_sweep, level.shape, e, level.source, level.inverse, weight, e_out)
+    else:
+        args = (e, level.source, *level.weights, level.inverse, weight, e_out)
+        launcher.launch(_sweep_weighted, level.shape, *args)
+
+
+def sweep_and_sum(launcher: Launcher, level: Level, e: wp.array, weight: float, e_out: wp.array, sums: Sums) -> None:
+    """As `sweep`, and sums Σ d e_out."""
+    if level.weights is None:
+        args = (e, level.source, level.inverse, weight, e_out, sums.parts)
+        launcher.launch(_sweep_and_sum, sums.launch_shape, *args)
+    else:
+        sweep(launcher, level, e, weight, e_out)
+        launcher.launch(_sum_products, sums.launch_shape, level.source, e_out, sums.parts)
+
+
+def measure(launcher: Launcher, level: Level, e: wp.array, residual_out: wp.array) -> None:
+    """Sets residual_out to d − L e."""
+    if level.weights is None:
+        launcher.launch(_measure, level.shape, e, level.source, level.inverse, residual_out)
+    else:
+        args = (e, level.source, *level.weights, level.inverse, residual_out)
+        launcher.launch(_measure_weighted, level.shape, *args)
