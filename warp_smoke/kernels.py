@@ -27,16 +27,22 @@ _FLUID = {
         *_CONJUGATE_GRADIENTS,
         "fluid.pressure.preconditioner",
         "fluid.pressure.spectral",
+        "fluid.transforms",
     ),
     "project_pressure conjugate_gradient": (*_CONJUGATE_GRADIENTS, "fluid.pressure.preconditioner"),
     "project_pressure red_black": (*_ITERATIVE, "fluid.pressure.relaxation"),
-        "fluid.transforms",
     "project_pressure jacobi": (*_ITERATIVE, "fluid.pressure.relaxation"),
     "advect_density": ("fluid.trace", "fluid.advection"),
     "dissipate_density": ("fluid.dissipation",),
     "cool_temperature": ("fluid.dissipation",),
 }
-_SURFACE_SHADOW = {"cube": "shadow.cube", "directional": "shadow.directional", "exact": "shadow.ray_traced"}
+_SURFACE_SHADOW = {
+    "cube": "shadow.point_map",
+    "spot": "shadow.point_map",
+    "directional": "shadow.directional",
+    "exact": "shadow.ray_traced",
+    "area": "shadow.ray_traced",
+}
 # Every other smoke shadow is a light buffer along the light's rays.
 _SMOKE_SHADOW = {"dpd": "shadow.dpd", "ray_traced": "shadow.smoke_ray_traced"}
 

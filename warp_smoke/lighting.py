@@ -46,10 +46,10 @@ class Lighting:
         for each in (light for receiver in plan.receivers for light in receiver.lights):
             path = each.light.path
             if each.surface_shadow and path not in self._maps:
-                points = np.concatenate(shadowed[path])
-                bounds = np.stack([points.min(axis=0), points.max(axis=0)])
+                bounds = np.stack([[points.min(axis=0), points.max(axis=0)] for points in shadowed[path]])
                 casters = self._casters_of(each.light)
-                self._maps[path] = SURFACE_SHADOWS[each.surface_shadow](launcher, each.light, casters, bounds)
+                make, camera = SURFACE_SHADOWS[each.surface_shadow], plan.scene.camera
+                self._maps[path] = make(launcher, each.light, casters, bounds, camera)
         self._smoke = self._smoke_shadows([light for receiver in plan.receivers for light in receiver.lights])
 
         self._bakes = {each.surface.path: self._bake(each) for each in plan.receivers}

@@ -43,7 +43,7 @@ PRESSURE_SOLVERS = (
 GRIDS = ("density", "temperature", "velocity")
 BAKES = ("lit", "visibility", "smokeShadow")
 FALLOFF_MODELS = ("inverseSquare", "linear", "polynomial")
-SHADOW_FILTERS = ("hard", "exact")
+SHADOW_FILTERS = ("hard", "pcf_grid", "pcf_disk", "pcf_disk_view", "pcss", "exact", "area")
 SMOKE_SHADOWS = ("march", "nearest", "bilinear", "gaussian", "footprint", "dpd", "ray_traced")
 SMOKE_DIFFUSERS = ("paper", "sweeps", "exact")
 SMOKE_PROJECTIONS = ("parallel", "rays")
@@ -282,7 +282,10 @@ class Light(Prim):
         shadow_bias, shadow_slope_bias: [stage units]; None = the least that is free of acne.
         shadow_map_size: texels along a side of a depth map.
         shadow_near, shadow_far: depth range [stage units]; None = what the scene needs.
-        shadow_filter: hard (depth map) or exact (a ray for each point).
+        shadow_filter: by depth map hard, pcf_grid, pcf_disk, pcf_disk_view (wider with distance from the camera) or
+            pcss (as soft as the light's size asks for); by rays exact (one for each point) or area (many).
+        shadow_softness: half-width of the pcf filters [stage units]; None = from the texels of the depth map.
+        shadow_cull_front: only faces turned away from the light cast shadows, for closed meshes.
         smoke_shadow: march (samples along the light's rays), a splat of voxels (nearest, bilinear, gaussian,
             footprint), dpd (the paper's) or ray_traced (a ray for each point).
         smoke_shadow_size: texels along the longer side of the smoke's light buffer; None = matches the domain.
@@ -310,6 +313,8 @@ class Light(Prim):
     shadow_near: float | None = None
     shadow_far: float | None = None
     shadow_filter: str = "hard"
+    shadow_softness: float | None = None
+    shadow_cull_front: bool = False
     smoke_shadow: str = "march"
     smoke_shadow_size: int | None = None
     smoke_shadow_layer: int | None = None
@@ -335,7 +340,7 @@ class Light(Prim):
         self._check(one_of, "smoke_compositing", allowed=SMOKE_COMPOSITINGS)
         if self.smoke_diffusion > MAX_DIFFUSION:
             raise FieldError(self.path, "smoke_diffusion", self.smoke_diffusion, f"0 to {MAX_DIFFUSION:g}")
-        for name in ("shadow_bias", "shadow_slope_bias", "shadow_near"):
+        for name in ("shadow_bias", "shadow_slope_bias", "shadow_near", "shadow_softness"):
             if getattr(self, name) is not None:
                 self._check(at_least, name)
         if self.shadow_far is not None:

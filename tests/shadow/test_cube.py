@@ -250,7 +250,7 @@ def test_follows_light_and_casters(launcher, placed, visibility, point_light):
         shadow.update(time)
         lit[time] = visibility(shadow, [[0, 0, 0], [2, 0, 0]], UP).tolist()
     assert lit == {1.0: [0.0, 1.0], 2.0: [1.0, 1.0], 3.0: [1.0, 0.0]}
-    assert launcher.launches["_trace_cube"] == 3
+    assert launcher.launches["_trace_tiles"] == 3
 
 
 def test_same_bits_for_any_number_of_threads(cast, point_light, bunny):

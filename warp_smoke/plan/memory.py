@@ -55,7 +55,7 @@ def _receiver_bytes(plan: ReceiverPlan) -> int:
 def _light_bytes(plan: LightPlan) -> dict[str, int]:
     """The light's depth map and its buffer for each domain."""
     size = plan.light.shadow_map_size
-    faces = {"cube": 6, "directional": 1}.get(plan.surface_shadow, 0)
+    faces = {"cube": 6, "spot": 1, "directional": 1}.get(plan.surface_shadow, 0)
     found = {"map": 4 * faces * size**2} if faces else {}
     for each in plan.smoke:
         if each.method != "ray_traced":

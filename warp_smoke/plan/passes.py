@@ -138,7 +138,7 @@ class LightPlan:
     """What one light does for one receiver.
 
     Attributes:
-        surface_shadow: cube, directional or exact; None = nothing stands between them.
+        surface_shadow: cube, spot, directional, exact or area; None = nothing stands between them.
         smoke: for each domain whose smoke may stand between them.
         when: how often the light's radiance and surface shadow change.
     """

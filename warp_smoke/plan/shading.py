@@ -6,7 +6,8 @@ from warp_smoke.lattice import Lattice
 from warp_smoke.plan.passes import DomainPlan, Ledger, LightPlan, ReceiverPlan, SmokeShadowPlan, When
 from warp_smoke.plan.reach import in_box, in_range, is_flat, is_moving, may_shadow, over, swept_corners
 from warp_smoke.record import Samples
-from warp_smoke.scene import DistantLight, Light, Scene, Surface
+from warp_smoke.scene import DistantLight, Light, Scene, SpotLight, Surface
+from warp_smoke.shadow.coverage import FACE_NAMES, WIDEST_CONE, cube_rectangles
 from warp_smoke.shadow.light_buffer import buffer_serves
 from warp_smoke.shadow.projective import plane_serves
 
@@ -97,16 +98,34 @@ class _Receiver:
     def _surface_shadow(self, light: Light, casters: list[Surface], casters_move: bool, when: When) -> str:
         path = self.surface.path
         names = ", ".join(c.path for c in casters[:3]) + (f" and {len(casters) - 3} more" if len(casters) > 3 else "")
-        if light.shadow_filter == "exact":
-            method = "exact"
+        if light.shadow_filter in ("exact", "area"):
+            method = light.shadow_filter
         else:
-            method = "directional" if isinstance(light, DistantLight) else "cube"
+            method = depth_map_of(light)
             traced = When.FRAME if casters_move or is_moving(light) else When.ONCE
             why = f"{names} may shadow {path}"
             self.ledger.keep("trace_shadow_map", (light.path,), traced, "depth map", why, method)
+            if method == "cube":
+                self._faces_left_out(light, casters)
         why = f"{names} may stand between the light and it"
         self.ledger.keep("surface_visibility", (path, light.path), when, "share of light past surfaces", why, method)
         return method
+
+    def _faces_left_out(self, light: Light, casters: list[Surface]) -> None:
+        """Notes the cube's faces over which no caster and receiver lie at any frame, for a light that stands still."""
+        if is_moving(light):
+            return
+        position = light.position_at(self.scene.start)
+        receivers = [s for s in self.scene.surfaces if s.receiver is not None]
+        holds = [np.any(_on_faces(self._boxes(each), position), axis=0) for each in (casters, receivers)]
+        for face, casts, receives in zip(FACE_NAMES, *holds, strict=True):
+            if not (casts and receives):
+                why = f"its frustum holds no {'caster' if receives else 'receiver'}"
+                self.ledger.omit("trace_shadow_map", (light.path, face), why)
+
+    def _boxes(self, surfaces: list[Surface]) -> np.ndarray:
+        corners = [swept_corners(surface, self.scene.frames) for surface in surfaces]
+        return np.array([[c.min(axis=0), c.max(axis=0)] for c in corners if len(c)]).reshape(-1, 2, 3)
 
     def _casters(self, light: Light) -> list[Surface]:
         if not light.shadow_enable:
@@ -171,6 +190,19 @@ class _Receiver:
             why = f"smoke in {each.domain.path} casts a shadow"
             self.ledger.keep("project_smoke", pair, When.FRAME, "light buffer", why, method)
         return method
+
+
+def depth_map_of(light: Light) -> str:
+    """The kind of depth map that serves a light."""
+    if isinstance(light, DistantLight):
+        return "directional"
+    return "spot" if isinstance(light, SpotLight) and light.cone_angle <= WIDEST_CONE else "cube"
+
+
+def _on_faces(boxes: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Whether each box lies in the frustum of each cube face, [n, 6]."""
+    left, right, top, bottom = np.moveaxis(cube_rectangles(boxes, position), -1, 0)
+    return (left <= 1.0) & (right >= -1.0) & (top <= 1.0) & (bottom >= -1.0) & (left <= right)
 
 
 def _box_corners(lattice: Lattice) -> np.ndarray:

@@ -43,6 +43,8 @@ def light_bias(light: Light, spread: float, extent: float) -> Bias:
     """
     bias = Bias()
     if light.shadow_bias is None and light.shadow_slope_bias is None:
+        # Faces turned to the light are not in the map where fronts are culled: they cannot shadow themselves.
+        spread = 0.0 if light.shadow_cull_front else spread
         bias.constant, bias.slope, bias.spread = round_off(extent), 0.0, spread
     else:
         bias.constant, bias.slope, bias.spread = light.shadow_bias or 0.0, light.shadow_slope_bias or 0.0, 0.0

@@ -3,15 +3,35 @@
 import numpy as np
 import warp as wp
 
-from warp_smoke.geometry import transform_points
+from warp_smoke.geometry import transform_points, winding_flips
 from warp_smoke.launch import Launcher
 from warp_smoke.record import Samples, value_at
 from warp_smoke.scene import Surface
+from warp_smoke.shadow.coverage import casting_boxes
 
 # Rounding in a ray–box test moves a ray by about 3 units in the last place of the distance; with boxes that are not
 # larger than their triangles, one ray in a hundred that is aimed at an edge would slip through a closed mesh (Ize,
 # 2013, "Robust BVH ray traversal").
 _BOX_MARGIN = 16 * float(np.finfo(np.float32).eps)
+
+
+@wp.func
+def nearest_hit(mesh: wp.uint64, start: wp.vec3, direction: wp.vec3, end: float, cull: float):
+    """Ray parameter of the nearest hit, or −1; with `cull` > 0 of the nearest face that is turned away."""
+    found = wp.float32(-1.0)
+    passed = wp.float32(0.0)
+    searching = wp.int32(1)
+    while searching == 1:
+        hit = wp.mesh_query_ray(mesh, start + passed * direction, direction, end - passed)
+        searching = wp.int32(0)
+        if hit.result:
+            if cull > 0.0 and wp.dot(hit.normal, direction) < 0.0:
+                # On past this front: a back nearer behind it than rounding is passed with it.
+                passed = wp.max((passed + hit.t) * 1.000001, passed + 1.0e-30)
+                searching = wp.where(passed < end, 1, 0)
+            else:
+                found = passed + hit.t
+    return found
 
 
 class Casters:
@@ -32,6 +52,7 @@ class Casters:
         self.moves = any(s.moves or s.mesh.deforms or isinstance(s.visible, Samples) for s in self._surfaces)
         self.version = 0
         self._time, self._visible = None, None
+        self._still: dict[int, np.ndarray] = {}
 
     @property
     def extent(self) -> float:
@@ -44,9 +65,10 @@ class Casters:
             return
         self._time = time
         visible = [index for index, surface in enumerate(self._surfaces) if value_at(surface.visible, time)]
-        corners = [self._corners(self._surfaces[index], time) for index in visible]
+        corners = [self._corners(index, time) for index in visible]
         # A point, which no ray hits, keeps an empty set from being a special case.
         triangles = np.concatenate(corners) if any(map(len, corners)) else np.zeros((1, 3, 3), np.float32)
+        self._triangles = triangles
         self.lower, self.upper = (np.asarray(reduce(triangles, (0, 1)), np.float64) for reduce in (np.min, np.max))
         if visible != self._visible:
             self._visible = visible
@@ -61,14 +83,25 @@ class Casters:
         self.mesh.points.assign(triangles.reshape(-1, 3))
         self.version += 1
 
-    def _corners(self, surface: Surface, time: float) -> np.ndarray:
-        """Corners of a surface's triangles in set space, [m, 3, 3] float32."""
-        world = transform_points(surface.transform_at(time), surface.mesh.points_at(time))
-        corners = (world - self.origin).astype(np.float32)[surface.mesh.triangles]
+    def boxes_behind_which(self, receivers: np.ndarray, light: np.ndarray, slack: float) -> np.ndarray:
+        """Bounds of the surfaces that may shadow receivers, [n, 2, 3]; see `coverage.casting_boxes`."""
+        return casting_boxes(self._triangles, self.surface_of_triangle, receivers, light, slack)
+
+    def _corners(self, index: int, time: float) -> np.ndarray:
+        """Corners of a surface's triangles in set space, [m, 3, 3] float32, front faces counter-clockwise."""
+        surface = self._surfaces[index]
+        if index in self._still:
+            return self._still[index]
+        matrix = surface.transform_at(time)
+        world = transform_points(matrix, surface.mesh.points_at(time))
+        order = surface.mesh.triangles[:, ::-1] if winding_flips(matrix) else surface.mesh.triangles
+        corners = (world - self.origin).astype(np.float32)[order]
         # A ray that starts on a triangle without area could hit it by rounding, but never hits a point.
         edges = np.diff(corners.astype(np.float64), axis=1)
         flat = ~np.any(np.cross(edges[:, 0], edges[:, 1]), axis=1)
         corners[flat] = corners[flat, :1]
+        if not (surface.moves or surface.mesh.deforms):
+            self._still[index] = corners
         return corners
 
     def _boxes(self, triangles: np.ndarray) -> np.ndarray:

@@ -1,18 +1,18 @@
 """Shadows of a distant light by an orthographic depth map, ray-cast (after LearnOpenGL, *Shadow Mapping*)."""
 
-from itertools import product
-
 import numpy as np
 import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
-from warp_smoke.scene import DistantLight
+from warp_smoke.scene import Camera, DistantLight
+from warp_smoke.shadow import coverage, filters
 from warp_smoke.shadow.bias import Bias, fixed_bias, light_bias, round_off, tangent
-from warp_smoke.shadow.casters import Casters
+from warp_smoke.shadow.casters import Casters, nearest_hit
+from warp_smoke.shadow.filters import Taps
 
 wp.set_module_options({"enable_backward": False})
 
-_TILE = wp.constant(8)
+_TILE = wp.constant(coverage.TILE)
 
 
 @wp.struct
@@ -41,57 +41,122 @@ class DirectionalMap:
 
 
 @wp.func
-def directional_visibility(m: DirectionalMap, point: wp.vec3, normal: wp.vec3):
-    """1 where the light reaches the point's front, else 0; lit outside the map.
+def stored_depth(m: DirectionalMap, point: wp.vec3):
+    """The depth from `near` on that is stored where a point falls; infinite beside the map and where nothing is."""
+    s = (wp.dot(point, m.s_axis) - m.s) / m.texel
+    t = (wp.dot(point, m.t_axis) - m.t) / m.texel
+    stored = wp.float32(1.0)
+    if s >= 0.0 and t >= 0.0 and s < float(m.depth.shape[1]) and t < float(m.depth.shape[0]):
+        stored = m.depth[int(t), int(s)]
+    return wp.where(stored < 1.0, stored * (m.far - m.near), 1.0e30)
 
-    The bias is spread · tan θ, spread being half a texel's diagonal.
+
+@wp.func
+def nearest_of_texel(m: DirectionalMap, point: wp.vec3, normal: wp.vec3, cosine: float, offset: wp.vec3):
+    """The least depth from `near` on, less the bias, of the plane through a point in the texel at an offset.
+
+    The bias is spread · tan θ, spread being half a texel's diagonal. A light's own bias is taken off the point's depth.
     """
-    cosine = -wp.dot(m.direction, normal)
-    visible = 0.0
-    if cosine > 0.0:
-        visible = 1.0
-        s = (wp.dot(point, m.s_axis) - m.s) / m.texel
-        t = (wp.dot(point, m.t_axis) - m.t) / m.texel
-        if s >= 0.0 and t >= 0.0 and s < float(m.depth.shape[1]) and t < float(m.depth.shape[0]):
-            bias = fixed_bias(m.bias, cosine) + m.bias.spread * tangent(cosine)
-            d = wp.dot(point, m.direction) - m.near - bias
-            if d <= m.far - m.near and d > m.depth[int(t), int(s)] * (m.far - m.near):
-                visible = 0.0
-    return visible
+    d = wp.dot(point, m.direction) - m.near - fixed_bias(m.bias, cosine)
+    if m.bias.spread > 0.0:
+        along = wp.dot(offset, m.s_axis) * wp.dot(normal, m.s_axis)
+        along += wp.dot(offset, m.t_axis) * wp.dot(normal, m.t_axis)
+        d += along / wp.max(cosine, 1.0e-6) - m.bias.spread * tangent(cosine)
+    return d
 
 
 @wp.kernel
-def _trace_directional(rows: Rows, mesh: wp.uint64, m: DirectionalMap, depth_out: wp.array2d[float]):
-    """depth[t,s] = (nearest hit − near) / (far − near) along the direction; tile by tile."""
+def _trace_directional(
+    rows: Rows,
+    mesh: wp.uint64,
+    m: DirectionalMap,
+    cull: float,
+    tiles: wp.array[int],
+    count: int,
+    depth_out: wp.array2d[float],
+):
+    """depth[t,s] = (nearest hit − near) / (far − near) along the direction, for the first `count` tiles."""
     n = rows.first + wp.tid()
-    size = depth_out.shape[0]
-    tiles = (size + _TILE - 1) // _TILE
     within = n % (_TILE * _TILE)
     n = n // (_TILE * _TILE)
-    row = (n // tiles) * _TILE + within // _TILE
-    column = (n % tiles) * _TILE + within % _TILE
-    if row < size and column < size:
-        s = m.s + m.texel * (float(column) + 0.5)
-        t = m.t + m.texel * (float(row) + 0.5)
-        start = s * m.s_axis + t * m.t_axis + m.near * m.direction
-        hit = wp.mesh_query_ray(mesh, start, m.direction, m.far - m.near)
-        depth = 1.0
-        if hit.result:
-            depth = hit.t / (m.far - m.near)
-        depth_out[row, column] = depth
+    if n < count:
+        size = depth_out.shape[0]
+        across = (size + _TILE - 1) // _TILE
+        row = tiles[n] // across * _TILE + within // _TILE
+        column = tiles[n] % across * _TILE + within % _TILE
+        if row < size and column < size:
+            s = m.s + m.texel * (float(column) + 0.5)
+            t = m.t + m.texel * (float(row) + 0.5)
+            start = s * m.s_axis + t * m.t_axis + m.near * m.direction
+            hit = nearest_hit(mesh, start, m.direction, m.far - m.near, cull)
+            depth_out[row, column] = wp.where(hit < 0.0, 1.0, hit / (m.far - m.near))
 
 
 @wp.kernel
-def _look_up_directional(
+def _filter_taps(
     rows: Rows,
     m: DirectionalMap,
+    taps: Taps,
     points: wp.array[wp.vec3],
     normals: wp.array[wp.vec3],
     visibility_out: wp.array[float],
 ):
-    """visibility[n] = directional_visibility(points[n], normals[n])."""
+    """visibility[n] = share of taps that are lit."""
     n = rows.first + wp.tid()
-    visibility_out[n] = directional_visibility(m, points[n], normals[n])
+    p = points[n]
+    cosine = -wp.dot(m.direction, normals[n])
+    visible = wp.float32(0.0)
+    if cosine > 0.0:
+        visible = wp.float32(1.0)
+        if wp.dot(p, m.direction) <= m.far:
+            reach = taps.radius * (1.0 + taps.growth * wp.length(p - taps.eye)) + taps.texels * m.texel
+            lit = wp.float32(0.0)
+            for k in range(taps.offsets.shape[0]):
+                o = reach * taps.offsets[k]
+                if nearest_of_texel(m, p, normals[n], cosine, o) <= stored_depth(m, p + o):
+                    lit += 1.0
+            visible = lit / float(taps.offsets.shape[0])
+    visibility_out[n] = visible
+
+
+@wp.kernel
+def _filter_penumbra(
+    rows: Rows,
+    m: DirectionalMap,
+    taps: Taps,
+    spread: float,
+    points: wp.array[wp.vec3],
+    normals: wp.array[wp.vec3],
+    visibility_out: wp.array[float],
+):
+    """Percentage-closer soft shadows (Fernando, 2005): blockers at mean depth b widen the filter to spread (d − b)."""
+    n = rows.first + wp.tid()
+    p = points[n]
+    cosine = -wp.dot(m.direction, normals[n])
+    visible = wp.float32(0.0)
+    if cosine > 0.0:
+        visible = wp.float32(1.0)
+        d = wp.dot(p, m.direction) - m.near
+        if d <= m.far - m.near:
+            smallest = taps.texels * m.texel
+            reach = wp.max(spread * d, smallest)
+            total = wp.float32(0.0)
+            blockers = wp.float32(0.0)
+            for k in range(taps.offsets.shape[0]):
+                o = reach * taps.offsets[k]
+                stored = stored_depth(m, p + o)
+                if nearest_of_texel(m, p, normals[n], cosine, o) > stored:
+                    blockers += 1.0
+                    total += stored
+            if blockers > 0.0:
+                reach = wp.max(spread * (d - total / blockers), smallest)
+                lit = wp.float32(0.0)
+                for k in range(taps.offsets.shape[0]):
+                    o = reach * taps.offsets[k]
+                    if nearest_of_texel(m, p, normals[n], cosine, o) <= stored_depth(m, p + o):
+                        lit += 1.0
+                visible = lit / float(taps.offsets.shape[0])
+    visibility_out[n] = visible
 
 
 class DirectionalShadow:
@@ -100,40 +165,64 @@ class DirectionalShadow:
     The map covers what both casts and receives: beyond the casters nothing is in shadow, beyond the receivers nobody
     asks. Its texels keep their size and place while things move a little, so that shadow edges do not shimmer.
     Points that face away from the light are in their own shadow. `shadow_near` and `shadow_far` do not apply: a
-    distant light has no place to measure them from.
+    distant light has no place to measure them from. Only tiles over which a caster and a receiver may lie are traced.
 
     Attributes:
-        map: the map, for kernels that use `directional_visibility`.
+        map: the depth map.
+        rays: how many texels were traced at the last change.
     """
 
-    def __init__(self, launcher: Launcher, light: DistantLight, casters: Casters, receiver_bounds: np.ndarray):
+    def __init__(
+        self,
+        launcher: Launcher,
+        light: DistantLight,
+        casters: Casters,
+        receiver_bounds: np.ndarray,
+        camera: Camera | None = None,
+    ):
         """Makes the map; `update` traces it.
 
         Args:
             launcher: launches the kernels.
             light: the distant light.
             casters: what casts shadows.
-            receiver_bounds: lower and upper corner, in set space, of all that is ever looked up, [2, 3].
+            receiver_bounds: lower and upper corner, in set space, of all that is ever looked up: a box [2, 3], or one
+                for each receiver [n, 2, 3].
+            camera: whose distance widens the filter `pcf_disk_view`.
         """
-        self._launcher, self._light, self._casters = launcher, light, casters
-        self._receiver_corners = np.array(list(product(*np.asarray(receiver_bounds, np.float64).T)))
+        self._launcher, self._light, self._casters, self._camera = launcher, light, casters, camera
+        self._receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
         size = light.shadow_map_size
-        self._depth = launcher.zeros((size, size), "directional_map")
-        self._traced = None
+        self._depth = launcher.zeros((size, size), "shadow_map")
+        self._depth.fill_(1.0)
+        self._tiles = launcher.zeros((-(-size // coverage.TILE)) ** 2, "shadow_map", dtype=int)
+        self._traced, self._looked, self._covered = None, None, None
+        self.rays = 0
 
     def update(self, time: float) -> None:
         """Fits and traces the map for a time code, unless it is the same as before."""
         light, casters = self._light, self._casters
         state = casters.version, light.transform_at(time).tobytes()
-        if state == self._traced:
-            return
-        self._traced = state
+        eye = filters.eye_at(self._camera, time, casters.origin)
+        looked = state, None if eye is None else eye.tobytes()
+        if state != self._traced:
+            self._trace(time)
+        if looked != self._looked:
+            texels = {"pcf_grid": 1.0, "pcss": 0.5}.get(light.shadow_filter, filters.DEFAULT_TEXELS)
+            far = float(self.map.far - self.map.near)
+            self._taps = filters.filter_taps(self._launcher, light, self._offsets(), texels, eye, far)
+        self._traced, self._looked = state, looked
+
+    def _trace(self, time: float) -> None:
+        light, casters = self._light, self._casters
         size = light.shadow_map_size
-        frame = _frame(light.direction_at(time))
-        cast = casters.mesh.points.numpy().astype(np.float64) @ frame.T
-        received = self._receiver_corners @ frame.T
-        extent = float(np.abs(self._receiver_corners).max())
+        self._frame = frame = coverage.frame_along(light.direction_at(time))
+        corners = coverage.box_corners(self._receivers).reshape(-1, 3)
+        extent = float(np.abs(corners).max())
+        found = casters.boxes_behind_which(self._receivers, np.append(-frame[2], 0.0), round_off(extent))
+        received = corners @ frame.T
         margin = round_off(max(casters.extent, extent))
+        cast = coverage.box_corners(found).reshape(-1, 3) @ frame.T if len(found) else received.max(axis=0)[None]
         lower = np.maximum(cast.min(axis=0), received.min(axis=0)) - margin
         upper = np.minimum(cast.max(axis=0), received.max(axis=0)) + margin
         # The size of a texel is one of a fixed ladder, its place a whole number of texels from the set's origin.
@@ -149,27 +238,63 @@ class DirectionalShadow:
         self.map.s, self.map.t = corner.tolist()
         self.map.texel, self.map.near, self.map.far = float(texel), float(near), float(far)
         self.map.bias = light_bias(light, spread=float(texel) * 0.5**0.5, extent=max(extent, float(far - near)))
-        self._launcher.launch_each(
-            _trace_directional, (-(-size // _TILE) * _TILE) ** 2, casters.mesh.id, self.map, self._depth
-        )
+
+        width = float(texel) * size
+        casting = coverage.covered_tiles(coverage.flat_rectangles(found, frame, corner, width), size)
+        reach = self._reach(float(texel), float(far - near))
+        grown = self._receivers + reach * np.array([[-1.0], [1.0]])
+        covered = casting & coverage.covered_tiles(coverage.flat_rectangles(grown, frame, corner, width), size)
+        if self._covered is not None and np.any(self._covered & ~covered):
+            self._depth.fill_(1.0)
+        self._covered = covered
+        tiles = np.flatnonzero(covered).astype(np.int32)
+        self.rays = len(tiles) * coverage.TILE**2
+        if len(tiles):
+            self._tiles[: len(tiles)].assign(tiles)
+            cull = 1.0 if light.shadow_cull_front else 0.0
+            count = coverage.launch_size(len(tiles)) * coverage.TILE**2
+            args = (casters.mesh.id, self.map, cull, self._tiles, len(tiles), self._depth)
+            self._launcher.launch_each(_trace_directional, count, *args)
+
+    @property
+    def _spread(self) -> float:
+        """Tangent of half the light's width in the sky."""
+        return float(np.tan(np.radians(min(0.5 * self._light.angle, 80.0))))
+
+    def _reach(self, texel: float, depth: float) -> float:
+        """How far beside a receiver the filter looks, at most [stage units]."""
+        light = self._light
+        if light.shadow_filter == "hard":
+            return 0.0
+        if light.shadow_filter == "pcss":
+            return self._spread * depth + texel
+        if light.shadow_filter == "pcf_disk_view":
+            return depth  # the camera may be anywhere
+        return 3**0.5 * ((light.shadow_softness or 0.0) + filters.DEFAULT_TEXELS * texel)
+
+    def _offsets(self) -> np.ndarray:
+        if self._light.shadow_filter == "hard":
+            return np.zeros((1, 3))
+        if self._light.shadow_filter == "pcf_grid":
+            return filters.grid_of_plane() @ self._frame
+        if self._light.shadow_filter == "pcss":
+            return filters.spiral() @ self._frame
+        return filters.edges_and_corners()
 
     def visibility(self, points: wp.array, normals: wp.array, visibility_out: wp.array) -> None:
-        """Writes 1 where the light reaches a point and 0 where it does not.
+        """Writes the share of light from 0 to 1 that reaches each point.
 
         Args:
             points: in set space, [n] vec3.
             normals: unit surface normals, [n] vec3.
             visibility_out: [n].
         """
-        self._launcher.launch_each(_look_up_directional, len(points), self.map, points, normals, visibility_out)
+        count, look = len(points), (points, normals, visibility_out)
+        if self._light.shadow_filter == "pcss":
+            self._launcher.launch_each(_filter_penumbra, count, self.map, self._taps, self._spread, *look)
+        else:
+            self._launcher.launch_each(_filter_taps, count, self.map, self._taps, *look)
 
     def depth_picture(self) -> np.ndarray:
         """The stored depths, [size, size] uint8 (white = far)."""
         return np.round(255.0 * self._depth.numpy()).astype(np.uint8)
-
-
-def _frame(direction: np.ndarray) -> np.ndarray:
-    """Right-handed unit axes s, t and the direction itself, one a row, [3, 3]."""
-    s_axis = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
-    s_axis /= np.linalg.norm(s_axis)
-    return np.stack([s_axis, np.cross(direction, s_axis), direction])
