@@ -7,6 +7,8 @@ from warp_smoke.plan import Plan
 # What several pressure solvers share; `open_faces` of a box without colliders is among the colliders' kernels.
 _ITERATIVE = ("fluid.colliders", "fluid.pressure.components", "fluid.pressure.iterative")
 _CONJUGATE_GRADIENTS = (*_ITERATIVE, "fluid.pressure.conjugate_gradient")
+_SPECTRAL_DIFFUSION = ("fluid.transforms", "fluid.diffusion.spectral")
+_JACOBI_DIFFUSION = ("fluid.colliders", "fluid.diffusion.jacobi")
 # Module of kernels by the pass that launches them, and by pass and method where that decides.
 _FLUID = {
     "voxelize_colliders": ("fluid.voxelize", "fluid.walls", "fluid.colliders"),
@@ -33,6 +35,10 @@ _FLUID = {
     "project_pressure red_black": (*_ITERATIVE, "fluid.pressure.relaxation"),
     "project_pressure jacobi": (*_ITERATIVE, "fluid.pressure.relaxation"),
     "advect_density": ("fluid.trace", "fluid.advection"),
+    "diffuse_velocity spectral": _SPECTRAL_DIFFUSION,
+    "diffuse_velocity jacobi": _JACOBI_DIFFUSION,
+    "diffuse_density spectral": _SPECTRAL_DIFFUSION,
+    "diffuse_density jacobi": _JACOBI_DIFFUSION,
     "dissipate_density": ("fluid.dissipation",),
     "cool_temperature": ("fluid.dissipation",),
 }
@@ -54,7 +60,7 @@ def kernel_modules(plan: Plan) -> list[str]:
         for key in (each.name, f"{each.name} {each.method}"):
             found.update(_FLUID.get(key, ()))
     for receiver in plan.receivers:
-        found.update(("shading.bake", "shading.texels"))
+        found.update(("shading.bake", "shading.radiance", "shading.surface_points", "shading.texels"))
         for light in receiver.lights:
             if light.surface_shadow:
                 found.add(_SURFACE_SHADOW[light.surface_shadow])

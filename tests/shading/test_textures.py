@@ -5,11 +5,32 @@ import zlib
 
 import numpy as np
 import pytest
+import warp as wp
 from PIL import Image
 
+from warp_smoke.launch import Rows
 from warp_smoke.record import FieldError
 from warp_smoke.scene import WRAP_MODES, Material, Texture
-from warp_smoke.shading.textures import Picture, diffuse_colors
+from warp_smoke.shading.looks import Looks, make_looks, sample_number, sample_texture
+from warp_smoke.shading.textures import Picture, read_texture
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _sample(rows: Rows, looks: Looks, uvs: wp.array[wp.vec2], rgba_out: wp.array[wp.vec4], red_out: wp.array[float]):
+    s = rows.first + wp.tid()
+    rgba_out[s] = sample_texture(looks, 0, uvs[s])
+    red_out[s] = sample_number(looks, 0, uvs[s])
+
+
+def sample(launcher, texture, uvs, field="diffuse_texture"):
+    """What a texture says at texture coordinates [n, 2]: linear RGBA [n, 4], and its one channel [n]."""
+    looks = make_looks(launcher, [Material(**{field: texture})])
+    uvs = launcher.array(np.asarray(uvs, np.float32), "test", dtype=wp.vec2)
+    rgba, number = launcher.zeros(len(uvs), "test", dtype=wp.vec4), launcher.zeros(len(uvs), "test")
+    launcher.launch_each(_sample, len(uvs), looks, uvs, rgba, number)
+    return rgba.numpy(), number.numpy()
 
 
 def save(path, codes):
@@ -51,23 +72,50 @@ def sample_slowly(values, u, v, wrap_s, wrap_t):
 @pytest.mark.parametrize("wrap_s", WRAP_MODES)
 @pytest.mark.parametrize("wrap_t", WRAP_MODES)
 @pytest.mark.parametrize("shape", [(5, 3), (1, 1), (1, 4)])
-def test_sampling(wrap_s, wrap_t, shape):
+def test_sampling(launcher, tmp_path, wrap_s, wrap_t, shape):
     """Inside and up to three periods outside, samples equal a plain scalar sampler, in every pair of wrap modes."""
     rng = np.random.default_rng(7)
-    picture = Picture(rng.integers(0, 256, (*shape, 3)).astype(np.uint8), np.linspace(0, 1, 256, dtype=np.float32))
+    codes = rng.integers(0, 256, (*shape, 3)).astype(np.uint8)
+    texture = Texture(file=save(tmp_path / "a.png", codes), wrap_s=wrap_s, wrap_t=wrap_t, color_space="raw")
     uvs = rng.uniform(-3, 4, (300, 2)).astype(np.float32)
     uvs[:4] = [[0, 0], [1, 1], [0.5, 0.5], [-1, 2]]
-    values = picture.codes / 255
-    expected = [sample_slowly(values, float(u), float(v), wrap_s, wrap_t) for u, v in uvs]
-    np.testing.assert_allclose(picture.sample(uvs, wrap_s, wrap_t), expected, atol=1e-6)
+    expected = [sample_slowly(codes / 255, float(u), float(v), wrap_s, wrap_t) for u, v in uvs]
+    # Texel coordinates up to 20 have 2e-6 of rounding in float32.
+    np.testing.assert_allclose(sample(launcher, texture, uvs)[0][:, :3], expected, atol=1e-5)
 
 
-def test_rows_run_from_the_top():
+def test_rows_run_from_the_top(launcher, tmp_path):
     """The first row is v = 1, the first column u = 0; texel centres return their own values."""
-    codes = np.arange(6, dtype=np.uint8).reshape(2, 3, 1)
-    picture = Picture(codes, np.arange(256, dtype=np.float32))
-    uvs = np.array([[1 / 6, 0.75], [5 / 6, 0.75], [1 / 6, 0.25], [0.5, 0.5]], np.float32)
-    np.testing.assert_allclose(picture.sample(uvs, "clamp", "clamp")[:, 0], [0, 2, 3, 2.5], atol=1e-5)
+    texture = Texture(file=save(tmp_path / "a.png", 10 * np.arange(6, dtype=np.uint8).reshape(2, 3)))
+    uvs = [[1 / 6, 0.75], [5 / 6, 0.75], [1 / 6, 0.25], [0.5, 0.5]]
+    np.testing.assert_allclose(25.5 * sample(launcher, texture, uvs)[1], [0, 2, 3, 2.5], atol=1e-5)
+
+
+def test_coordinates_are_scaled_then_turned_then_moved(launcher, tmp_path):
+    """UsdTransform2d: (u, v) = (0.1, 0.2) scaled by (4, 2), turned by 90° and moved by (0.5, 0.25) is (0.1, 0.65)."""
+    rng = np.random.default_rng(2)
+    file = save(tmp_path / "a.png", rng.integers(0, 256, (7, 5), np.uint8))
+    options = {"uv_scale": (4, 2), "uv_rotation": 90, "uv_translation": (0.5, 0.25)}
+    moved = sample(launcher, Texture(file=file, **options), [(0.1, 0.2)])[1]
+    plain = sample(launcher, Texture(file=file), [(0.1, 0.65)])[1]
+    np.testing.assert_allclose(moved, plain, atol=1e-5)
+
+
+def test_packed_texture_comes_apart(launcher, tmp_path):
+    """Base and gloss in one RGBA picture: colour is decoded, alpha is raw, and each is read alone."""
+    file = save(tmp_path / "packed.png", np.array([[[204, 204, 204, 51]]], np.uint8))
+    rgba, _ = sample(launcher, Texture(file=file), [(0.5, 0.5)])
+    np.testing.assert_allclose(rgba, [[linear(204)] * 3 + [0.2]], rtol=1e-6)
+    gloss = Texture(file=file, channel="a", scale=(1, 1, 1, -1), bias=(0, 0, 0, 1))
+    np.testing.assert_allclose(sample(launcher, gloss, [(0.5, 0.5)], "roughness_texture")[1], 0.8, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("channel", "value"), [("r", 0.0), ("g", 0.2), ("b", 0.4), ("a", 1.0), ("rgb", 0.0)])
+def test_channels(launcher, tmp_path, channel, value):
+    """Numbers are taken from the channel named, red where all are; what is no colour is raw; alpha is 1 without one."""
+    file = save(tmp_path / "data.png", np.array([[[0, 51, 102]]], np.uint8))
+    found = sample(launcher, Texture(file=file, channel=channel), [(0.5, 0.5)], "height_texture")[1]
+    np.testing.assert_allclose(found, value, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -87,18 +135,17 @@ def test_color_spaces(tmp_path, mode, color_space, expected):
     """8-bit colour is sRGB unless it is said to be raw, grey is raw unless it is said to be sRGB."""
     file = tmp_path / "flat.png"
     Image.new("RGB", (1, 1), (204, 204, 204)).convert(mode).save(file)
-    value = Picture.read(str(file), color_space).sample(np.array([[0.3, 0.9]]), "repeat", "repeat")
-    np.testing.assert_allclose(value, np.full((1, 3), expected), rtol=1e-6)
+    value = Picture.read(str(file), color_space).linear()[0, 0]
+    np.testing.assert_allclose(value, [expected] * 3 + [1.0], rtol=1e-6)
 
 
 def test_sixteen_bits(tmp_path):
     """16-bit grey keeps all its bits and is raw; marked sRGB it is decoded."""
     file = save(tmp_path / "deep.png", np.array([[300, 65535]], np.uint16))
-    uvs = np.array([[0.25, 0.5], [0.75, 0.5]])
-    raw = Picture.read(file, "auto").sample(uvs, "clamp", "clamp")
+    raw = Picture.read(file, "auto").linear()[0, :, :3]
     np.testing.assert_allclose(raw, np.repeat([[300 / 65535], [1.0]], 3, axis=1), rtol=1e-6)
-    decoded = Picture.read(file, "sRGB").sample(uvs, "clamp", "clamp")
-    np.testing.assert_allclose(decoded[0], 300 / 65535 / 12.92, rtol=1e-6)
+    decoded = Picture.read(file, "sRGB").linear()[0, 0, :3]
+    np.testing.assert_allclose(decoded, 300 / 65535 / 12.92, rtol=1e-6)
 
 
 def test_sixteen_bit_color(tmp_path):
@@ -109,32 +156,23 @@ def test_sixteen_bit_color(tmp_path):
     parts = [struct.pack(">I", len(d)) + name + d + struct.pack(">I", zlib.crc32(name + d)) for name, d in chunks]
     file = tmp_path / "deep.png"
     file.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(parts))
-    value = Picture.read(str(file), "auto").sample(np.array([[0.5, 0.5]]), "clamp", "clamp")
-    np.testing.assert_allclose(value, [[0.0, 0.5, 1.0]], atol=1 / 255)
+    value = Picture.read(str(file), "auto").linear()[0, 0, :3]
+    np.testing.assert_allclose(value, [0.0, 0.5, 1.0], atol=1 / 255)
 
 
 def test_black_and_white_picture(tmp_path):
     """One bit a texel is 0 and 1."""
     file = tmp_path / "bits.png"
     Image.fromarray(np.array([[True, False]])).save(file)
-    value = Picture.read(str(file), "auto").sample(np.array([[0.25, 0.5], [0.75, 0.5]]), "clamp", "clamp")
-    np.testing.assert_array_equal(value[:, 0], [1, 0])
+    np.testing.assert_array_equal(Picture.read(str(file), "auto").linear()[0, :, 0], [1, 0])
 
 
-def test_scale_and_bias(tmp_path):
-    """Diffuse colour is scale · texture + bias, black texels outside the picture included, and never below 0."""
+def test_scale_and_bias(launcher, tmp_path):
+    """A sample is scale · texture + bias, black texels outside the picture included."""
     file = save(tmp_path / "white.png", np.full((2, 2, 3), 255, np.uint8))
     texture = Texture(file=file, wrap_s="black", scale=(0.5, 1, 1, 1), bias=(0.25, 0, -2.0, 0))
-    colors = diffuse_colors(Material(diffuse_texture=texture), np.array([[0.5, 0.5], [9.0, 0.5]], np.float32), 2)
-    np.testing.assert_allclose(colors, [[0.75, 1, 0], [0.25, 0, 0]], atol=1e-7)
-
-
-def test_fallback_colors():
-    """Without a texture the material's colour; with one but no coordinates also."""
-    plain = Material(diffuse_color=(0.1, 0.2, 0.3))
-    textured = Material(diffuse_color=(0.1, 0.2, 0.3), diffuse_texture=Texture(file="/nowhere.png"))
-    for material, uvs in ((plain, np.zeros((4, 2))), (plain, None), (textured, None)):
-        np.testing.assert_allclose(diffuse_colors(material, uvs, 4), np.tile([0.1, 0.2, 0.3], (4, 1)), rtol=1e-6)
+    colors = sample(launcher, texture, [[0.5, 0.5], [9.0, 0.5]])[0]
+    np.testing.assert_allclose(colors, [[0.75, 1, -1, 1], [0.25, 0, -2, 0]], atol=1e-7)
 
 
 @pytest.mark.parametrize("damage", ["missing", "text", "cut", "folder", "float"])
@@ -156,5 +194,5 @@ def test_unreadable_files(tmp_path, damage):
     with pytest.raises(
         FieldError, match=r"^/Looks/Wood: diffuse_texture is .*picture\.(png|tif) \(.*; allowed: "
     ) as info:
-        diffuse_colors(material, np.zeros((1, 2)), 1)
+        read_texture(material, "diffuse_texture")
     assert "\n" not in str(info.value)

@@ -1,5 +1,8 @@
 """Estimates of device memory, before anything is allocated."""
 
+from PIL import Image
+
+from warp_smoke.material import TEXTURES, Material
 from warp_smoke.plan.passes import DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan
 from warp_smoke.record import Samples
 from warp_smoke.shadow.light_buffer import fit_shear, light_in_cells
@@ -17,6 +20,7 @@ _SOLVER = {
     "jacobi": 6.3,
 }
 _OPEN_FACES = 4  # iterative solvers need them without colliders too
+_DIFFUSION = {"spectral": 0, "jacobi": 2}
 _ADVECTION = {"semi_lagrangian": 7.0, "maccormack": 16.0}
 
 
@@ -40,16 +44,36 @@ def _domain_bytes(plan: DomainPlan) -> int:
         if plan.pressure_solver != "spectral" and not plan.colliders:
             floats += _OPEN_FACES
         floats += 20 / plan.lattice.shape[1]  # sums along j, in double precision
+    if {"diffuse_velocity", "diffuse_density"} & set(plan.passes):
+        floats += _DIFFUSION[plan.diffusion_solver]
+        if plan.diffusion_solver == "jacobi" and not plan.colliders:
+            floats += _OPEN_FACES
     return int(4 * plan.lattice.cells * floats)
 
 
 def _receiver_bytes(plan: ReceiverPlan) -> int:
     """For a texture that the surface fills."""
-    shares = 4 * bool({"visibility", "smokeShadow"} & set(plan.bakes))
-    texel = 68 + shares  # points, normals, uvs, triangles, weights, colours and the picture's codes
+    material, bakes = plan.surface.material or Material(), set(plan.bakes)
+    shares, lit, irradiance = 4 * bool({"visibility", "smokeShadow"} & bakes), "lit" in bakes, "irradiance" in bakes
+    texel = 80 + shares  # points, normals, triangles, weights, detail and the picture's codes
+    texel += 8 * material.has_pictures + 16 * material.needs_tangents
+    texel += 12 * (material.has_relief and material.parallax == "occlusion")
+    texel += 12 * (lit or irradiance) + 12 * lit + 18 * irradiance
     for each in plan.lights:
-        texel += 12 * ("lit" in plan.bakes) + 4 * bool(each.surface_shadow) + 4 * _channels(each) + shares
-    return plan.surface.receiver.texture_size**2 * texel
+        texel += 12 * (lit + irradiance) + 4 * bool(each.surface_shadow) + 4 * _channels(each) + shares
+    return plan.surface.receiver.texture_size**2 * texel + _picture_bytes(material)
+
+
+def _picture_bytes(material: Material) -> int:
+    """Of a material's pictures as linear RGBA; what cannot be read is left to the bake's own error."""
+    texels = material.procedural.size**2 if material.procedural else 0
+    for file in {getattr(material, field).file for field in TEXTURES if getattr(material, field)}:
+        try:
+            with Image.open(file) as image:
+                texels += image.width * image.height
+        except OSError:
+            continue
+    return 16 * texels
 
 
 def _light_bytes(plan: LightPlan) -> dict[str, int]:

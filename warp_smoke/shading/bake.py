@@ -2,7 +2,10 @@
 
 With B, l of light L at a point (`light_source.py`), V its visibility past surfaces and T the smoke's transmittance:
 
-- `lit` = emissive + ambient ⊗ m_d + Σ_L V T ⊗ B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0), F. Luna's LitColor;
+- `lit` = emissive + ambient ⊗ m_d + Σ_L V T ⊗ B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0), F. Luna's LitColor, or
+  what the material's reflection is (`blinn_phong`);
+- `irradiance` = ambient + Σ_L V T ⊗ B max(l·n, 0), irradiance/π: what a white matte surface would look like;
+- `normal`: the direction that light is reflected by, along the stage's axes;
 - `visibility` = Σ_L w V / Σ_L w, the share of the light that surfaces let through, and
 - `smokeShadow` = Σ_L w V T / Σ_L w V, the share of the remaining light that smoke lets through, with the luminance
   w = Y(B) max(l·n, 0) of the light that would arrive; 1 where none would. So visibility · smokeShadow is the share of
@@ -16,10 +19,11 @@ import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.scene import Camera, Light, Material, Surface
-from warp_smoke.shading.blinn_phong import blinn_phong_exponent, reflect_blinn_phong, reflect_diffuse
-from warp_smoke.shading.light_source import LightSource, incident_light, light_source
+from warp_smoke.shading.light_source import light_source
+from warp_smoke.shading.looks import make_looks, without_pictures, without_relief
+from warp_smoke.shading.radiance import shade_irradiance, shade_light, weigh_light
+from warp_smoke.shading.surface_points import SurfacePoints, allocate_detail, look_up_detail
 from warp_smoke.shading.texels import TexelMap
-from warp_smoke.shading.textures import diffuse_colors
 from warp_smoke.shading.vertices import VertexMap
 
 wp.set_module_options({"enable_backward": False})
@@ -62,7 +66,7 @@ class ReceiverBake:
             surface: a surface with a receiver, which gives the texture's size.
             lights: those that can reach it.
             origin: world position of set space's origin, [3] float64.
-            bakes: pictures that will be asked for: lit, visibility, smokeShadow.
+            bakes: pictures that will be asked for, of `scene.BAKES`.
             ambient: light from everywhere, linear RGB.
             camera: whose view the highlights are seen from; None leaves them out.
             shadowed: paths of the lights from which surfaces shadow it.
@@ -73,21 +77,31 @@ class ReceiverBake:
             FieldError: a texture cannot be read.
         """
         self._launcher, self._lights, self._origin, self._camera = launcher, tuple(lights), origin, camera
-        self._material = material = surface.material or Material()
         self.map, warnings = map_surface(launcher, surface, origin)
+        material, missing = usable_material(surface, self.map)
+        warnings += missing
+        if "lit" in bakes and camera is None:
+            warnings += (f"{surface.path}: no camera to see highlights from; the bake has diffuse light only",)
+        if camera is None and material.has_relief:
+            warnings += (f"{surface.path}: no camera to see relief from; {material.path} has no parallax",)
+        self._follows_eye = material.has_relief
+
         count = self.map.count
         by_light = (len(self._lights), max(count, 1))  # Warp takes no row of an empty array
         self._sources, self._eye = [None] * len(self._lights), None
-
-        self._radiance = self._weights = None
+        self._looks = make_looks(launcher, [material])
+        self._points = self._surface_points(material)
+        marched = count if material.parallax == "occlusion" and material.has_relief else 0
+        self._detail = allocate_detail(launcher, count, "bake", marched)
+        self._radiance = self._irradiance = self._weights = None
         if "lit" in bakes:
-            self._diffuse = launcher.array(diffuse_colors(material, self.map.uvs, count), "bake", dtype=wp.vec3)
+            self._unlit = launcher.zeros(count, "bake", dtype=wp.vec3)
             self._radiance = launcher.zeros(by_light, "bake", dtype=wp.vec3)
+        if "irradiance" in bakes:
+            self._ambient_light = launcher.array(np.tile(np.float32(ambient), (count, 1)), "bake", dtype=wp.vec3)
+            self._irradiance = launcher.zeros(by_light, "bake", dtype=wp.vec3)
+        if "lit" in bakes or "irradiance" in bakes:
             self._lit = launcher.zeros(count, "bake", dtype=wp.vec3)
-            if camera is None:
-                warnings += (f"{surface.path}: no camera to see highlights from; the bake has diffuse light only",)
-            if material.diffuse_texture is not None and self.map.uvs is None:
-                warnings += (f"{surface.path}: the texture of {material.path} has no coordinates; its colour is used",)
         if "visibility" in bakes or "smokeShadow" in bakes:
             self._weights = launcher.zeros(by_light, "bake")
             self._shares = launcher.zeros(count, "bake")
@@ -97,6 +111,14 @@ class ReceiverBake:
         args = (smoke_shadowed, color_shadowed)
         self._transmittance, self._transmittance_row, self.transmittance = self._shares_by_light(*args)
         self.warnings = warnings
+
+    def _surface_points(self, material: Material) -> SurfacePoints:
+        points = SurfacePoints()
+        points.positions, points.normals, points.tangents = self.map.points, self.map.normals, self.map.tangents
+        uvs = self.map.uvs if material.has_pictures else np.zeros((1, 2), np.float32)
+        points.uvs = self._launcher.array(uvs, "bake", dtype=wp.vec2)
+        points.material = self._launcher.zeros(self.map.count, "bake", dtype=int)
+        return points
 
     def _shares_by_light(
         self, paths: Collection[str], colored: Collection[str] = ()
@@ -119,27 +141,37 @@ class ReceiverBake:
     def update(self, time: float) -> None:
         """Brings points, normals and unshadowed light to a time code; computes only what changed."""
         moved = self.map.update(time)
-        eye = None if self._camera is None else self._camera.transform_at(time)[3, :3] - self._origin
-        looked = not np.array_equal(eye, self._eye)
+        eye = np.zeros(4)
+        if self._camera is not None:
+            eye[:3], eye[3] = self._camera.transform_at(time)[3, :3] - self._origin, 1.0
+        first, looked = self._eye is None, not np.array_equal(eye, self._eye)
         self._eye = eye
+        if first or moved or (looked and self._follows_eye):
+            self._look_up_detail()
+            moved = True
         for index, light in enumerate(self._lights):
             source, before = light_source(light, self._origin, time), self._sources[index]
             changed = moved or before is None or source.numpy_value() != before.numpy_value()
             self._sources[index] = source
-            if changed and self._weights is not None:
-                args = (source, self.map.points, self.map.normals, self._weights[index])
-                self._launcher.launch_each(_weigh_light, self.map.count, *args)
-            if (changed or looked) and self._radiance is not None:
-                self._shade_light(index)
+            self._shade(index, changed, looked)
 
-    def _shade_light(self, index: int) -> None:
-        place = (self._sources[index], self.map.points, self.map.normals, self._diffuse)
-        if self._eye is None:
-            self._launcher.launch_each(_shade_diffuse, self.map.count, *place, self._radiance[index])
-            return
-        r0, m = wp.vec3(*self._material.fresnel_r0), blinn_phong_exponent(self._material.roughness)
-        args = (*place, wp.vec3(*self._eye), r0, m, self._radiance[index])
-        self._launcher.launch_each(_shade_blinn_phong, self.map.count, *args)
+    def _look_up_detail(self) -> None:
+        count, eye = self.map.count, wp.vec4(*self._eye)
+        look_up_detail(self._launcher, count, self._looks, self._points, eye, self._detail)
+        if self._radiance is not None:
+            args = (self._detail.diffuse, self._ambient, self._emissive, self._unlit)
+            self._launcher.launch_each(_add_ambient, count, *args)
+
+    def _shade(self, index: int, changed: bool, looked: bool) -> None:
+        """Light number `index` on the receiver, after the light or the receiver `changed`, or the eye moved."""
+        args = (self._launcher, self.map.count, self._sources[index])
+        if changed and self._weights is not None:
+            weigh_light(*args, self._points, self._detail, self._weights[index])
+        if changed and self._irradiance is not None:
+            shade_irradiance(*args, self._points, self._detail, self._irradiance[index])
+        if (changed or looked) and self._radiance is not None:
+            eye = wp.vec4(*self._eye)
+            shade_light(*args, self._looks, self._points, self._detail, eye, self._radiance[index])
 
     def picture(self, bake: str) -> np.ndarray:
         """One of the receiver's bakes as it now stands.
@@ -148,15 +180,18 @@ class ReceiverBake:
             bake: one of `bakes`.
 
         Returns:
-            From a `TexelMap` sRGB codes [h, w, 3] uint8 (lit) or raw shares [h, w] uint8, first row at the top; from a
-            `VertexMap` linear RGB [n, 3] or shares [n], float32.
+            From a `TexelMap` [h, w, 3] sRGB uint8 (lit), linear uint16 (irradiance), or directions as uint8 (normal);
+            or raw shares [h, w] uint8; first row at the top. From a `VertexMap` linear RGB or directions [n, 3], or
+            shares [n], float32.
         """
         surfaces = (self._visibility, self._visibility_row)
-        if bake == "lit":
-            args = (self._diffuse, self._ambient, self._emissive, self._radiance, *surfaces)
-            args += (self._transmittance, self._transmittance_row, self._lit)
+        if bake == "normal":
+            return self.map.direction_picture(self._detail.normals)
+        if bake in ("lit", "irradiance"):
+            lights = (self._unlit, self._radiance) if bake == "lit" else (self._ambient_light, self._irradiance)
+            args = (*lights, *surfaces, self._transmittance, self._transmittance_row, self._lit)
             self._launcher.launch_each(_add_lights, self.map.count, *args)
-            return self.map.color_picture(self._lit)
+            return self.map.color_picture(self._lit) if bake == "lit" else self.map.linear_picture(self._lit)
         if bake == "visibility":
             args = (self._weights, *surfaces, self._shares)
             self._launcher.launch_each(_average_visibility, self.map.count, *args)
@@ -186,52 +221,25 @@ def map_surface(launcher: Launcher, surface: Surface, origin: np.ndarray) -> tup
     return texels, ()
 
 
-@wp.kernel
-def _shade_diffuse(
-    rows: Rows,
-    light: LightSource,
-    points: wp.array[wp.vec3],
-    normals: wp.array[wp.vec3],
-    diffuse: wp.array[wp.vec3],
-    radiance_out: wp.array[wp.vec3],
-):
-    """radiance[s] = B ⊗ m_d max(l·n, 0)."""
-    s = rows.first + wp.tid()
-    to_light, b = incident_light(light, points[s])
-    radiance_out[s] = reflect_diffuse(b, to_light, normals[s], diffuse[s])
+def usable_material(surface: Surface, places: TexelMap | VertexMap) -> tuple[Material, tuple]:
+    """A receiver's material as far as its texture coordinates serve, and warnings."""
+    material = surface.material or Material()
+    if places.uvs is None and material.has_pictures:
+        text = f"the textures of {material.path} have no coordinates; its colours are used"
+        return without_pictures(material), (f"{surface.path}: {text}",)
+    if isinstance(places, VertexMap) and material.needs_tangents:
+        text = f"normals and heights of {material.path} are left out of colours at points"
+        return without_relief(material), (f"{surface.path}: {text}",)
+    return material, ()
 
 
 @wp.kernel
-def _shade_blinn_phong(
-    rows: Rows,
-    light: LightSource,
-    points: wp.array[wp.vec3],
-    normals: wp.array[wp.vec3],
-    diffuse: wp.array[wp.vec3],
-    eye: wp.vec3,
-    r0: wp.vec3,
-    m: float,
-    radiance_out: wp.array[wp.vec3],
+def _add_ambient(
+    rows: Rows, diffuse: wp.array[wp.vec3], ambient: wp.vec3, emissive: wp.vec3, unlit_out: wp.array[wp.vec3]
 ):
-    """radiance[s] = B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0)."""
+    """unlit[s] = emissive + ambient ⊗ m_d."""
     s = rows.first + wp.tid()
-    p = points[s]
-    to_light, b = incident_light(light, p)
-    radiance_out[s] = reflect_blinn_phong(b, to_light, wp.normalize(eye - p), normals[s], diffuse[s], r0, m)
-
-
-@wp.kernel
-def _weigh_light(
-    rows: Rows,
-    light: LightSource,
-    points: wp.array[wp.vec3],
-    normals: wp.array[wp.vec3],
-    weights_out: wp.array[float],
-):
-    """weights[s] = Y(B) max(l·n, 0)."""
-    s = rows.first + wp.tid()
-    to_light, b = incident_light(light, points[s])
-    weights_out[s] = wp.dot(b, _LUMINANCE) * wp.max(wp.dot(to_light, normals[s]), 0.0)
+    unlit_out[s] = emissive + wp.cw_mul(ambient, diffuse[s])
 
 
 @wp.func
@@ -245,9 +253,7 @@ def share_at(shares: wp.array2d[float], rows: wp.vec3i, s: int):
 @wp.kernel
 def _add_lights(
     rows: Rows,
-    diffuse: wp.array[wp.vec3],
-    ambient: wp.vec3,
-    emissive: wp.vec3,
+    unlit: wp.array[wp.vec3],
     radiance: wp.array2d[wp.vec3],
     visibility: wp.array2d[float],
     visibility_row: wp.array[wp.vec3i],
@@ -255,9 +261,9 @@ def _add_lights(
     transmittance_row: wp.array[wp.vec3i],
     lit_out: wp.array[wp.vec3],
 ):
-    """lit[s] = emissive + ambient ⊗ m_d + Σ V ⊗ T ⊗ radiance."""
+    """lit[s] = unlit[s] + Σ V ⊗ T ⊗ radiance."""
     s = rows.first + wp.tid()
-    lit = emissive + wp.cw_mul(ambient, diffuse[s])
+    lit = unlit[s]
     for light in range(radiance.shape[0]):
         v = share_at(visibility, visibility_row[light], s)
         lit += wp.cw_mul(wp.cw_mul(v, share_at(transmittance, transmittance_row[light], s)), radiance[light, s])

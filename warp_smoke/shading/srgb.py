@@ -29,6 +29,17 @@ def decode_srgb(encoded: np.ndarray) -> np.ndarray:
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
+def srgb_levels() -> np.ndarray:
+    """Linear light of each code, [256] float32."""
+    return decode_srgb(np.arange(256) / 255.0).astype(np.float32)
+
+
+def encode_srgb_codes(linear: np.ndarray) -> np.ndarray:
+    """The sRGB codes nearest to linear values, uint8; values outside [0, 1] are clipped."""
+    ends = decode_srgb((np.arange(255) + 0.5) / 255.0)
+    return np.searchsorted(ends, linear, side="right").astype(np.uint8)
+
+
 def make_srgb_table(launcher: Launcher) -> SrgbTable:
     """The table that `encode_srgb` takes."""
     ends = decode_srgb((np.arange(255) + 0.5) / 255.0).astype(np.float32)

@@ -5,8 +5,10 @@ import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.scene import Surface
+from warp_smoke.shading.normal_map import encode_normals
 from warp_smoke.shading.placement import Placement, place_normals, place_points
 from warp_smoke.shading.srgb import SrgbTable, encode_srgb, make_srgb_table
+from warp_smoke.shading.tangents import corner_tangents
 from warp_smoke.shading.uv_raster import cover_texels
 
 wp.set_module_options({"enable_backward": False})
@@ -25,6 +27,7 @@ class TexelMap:
         size: texels along a side of the picture.
         points: in set space, [n] vec3.
         normals: unit surface normals, [n] vec3.
+        tangents: and signs, [n] vec4 (see `tangents`); one element if the surface's material needs none.
         uvs: texture coordinates, [n, 2] float32 on the host.
         overlapping: texels that several triangles share; they show the first.
     """
@@ -47,19 +50,32 @@ class TexelMap:
         self._corner_normals = launcher.zeros((len(mesh.triangles), 3), "bake", dtype=wp.vec3)
         self.points = launcher.zeros(self.count, "bake", dtype=wp.vec3)
         self.normals = launcher.zeros(self.count, "bake", dtype=wp.vec3)
+        self._needs_tangents = surface.material is not None and surface.material.needs_tangents
+        self._corner_tangents = launcher.zeros((self._rows(len(mesh.triangles)), 3), "bake", dtype=wp.vec4)
+        self.tangents = launcher.zeros(self._rows(self.count), "bake", dtype=wp.vec4)
         self._source = launcher.array(spread_texels(coverage.texel, self.size), "bake")
         self._srgb = make_srgb_table(launcher)
         self._color_codes = launcher.zeros((self.size**2, 3), "bake", dtype=wp.uint8)
         self._share_codes = launcher.zeros(self.size**2, "bake", dtype=wp.uint8)
+        self._linear_codes = None
+
+    def _rows(self, count: int) -> int:
+        return count if self._needs_tangents else 1
 
     def update(self, time: float) -> bool:
         """Moves points and normals to a time code; returns whether they moved."""
         if not self._placement.changed(time):
             return False
-        self._mesh_points.assign(place_points(self._surface, self._origin, time))
-        self._corner_normals.assign(place_normals(self._surface, time))
+        points, normals = place_points(self._surface, self._origin, time), place_normals(self._surface, time)
+        self._mesh_points.assign(points)
+        self._corner_normals.assign(normals)
         place = (self._triangle, self._weights, self._corners, self._mesh_points, self._corner_normals)
         self._launcher.launch_each(_place_texels, self.count, *place, self.points, self.normals)
+        if self._needs_tangents:
+            mesh = self._surface.mesh
+            self._corner_tangents.assign(corner_tangents(points, mesh.triangles, normals, mesh.uvs))
+            args = (self._triangle, self._weights, self._corner_tangents, self.tangents)
+            self._launcher.launch_each(_place_tangents, self.count, *args)
         return True
 
     def color_picture(self, colors: wp.array) -> np.ndarray:
@@ -67,6 +83,21 @@ class TexelMap:
         args = (self._source, colors, self._srgb, self._color_codes)
         self._launcher.launch_each(_encode_colors, self.size**2, *args)
         return self._color_codes.numpy().reshape(self.size, self.size, 3).copy()
+
+    def linear_picture(self, colors: wp.array) -> np.ndarray:
+        """Linear RGB of each texel, [n] vec3, as a raw picture, [size, size, 3] uint16; black where no surface is."""
+        if self._linear_codes is None:
+            self._linear_codes = self._launcher.zeros((self.size**2, 3), "bake", dtype=wp.uint16)
+        args = (self._source, colors, self._linear_codes)
+        self._launcher.launch_each(_encode_linear, self.size**2, *args)
+        return self._linear_codes.numpy().reshape(self.size, self.size, 3).copy()
+
+    def direction_picture(self, directions: wp.array) -> np.ndarray:
+        """Unit vectors of each texel, [n] vec3, as codes 127.5 (n + 1), [size, size, 3] uint8; 0 without a surface."""
+        found = self._source.numpy().reshape(self.size, self.size)
+        pixels = encode_normals(directions.numpy())[np.maximum(found, 0)]
+        pixels[found < 0] = 0
+        return pixels
 
     def share_picture(self, shares: wp.array) -> np.ndarray:
         """Shares 0…1 of each texel, [n] float, as a raw picture, [size, size] uint8; 0 where no surface is."""
@@ -116,6 +147,34 @@ def _place_texels(
     n = corner_normals[t, 0]
     points_out[s] = p + w[0] * (mesh_points[c[1]] - p) + w[1] * (mesh_points[c[2]] - p)
     normals_out[s] = wp.normalize(n + w[0] * (corner_normals[t, 1] - n) + w[1] * (corner_normals[t, 2] - n))
+
+
+@wp.kernel
+def _place_tangents(
+    rows: Rows,
+    triangle: wp.array[int],
+    weights: wp.array[wp.vec2],
+    corner_tangents: wp.array2d[wp.vec4],
+    tangents_out: wp.array[wp.vec4],
+):
+    """tangents[s] = t₀ + w₁ (t₁ − t₀) + w₂ (t₂ − t₀), with the sign of the triangle's own corner."""
+    s = rows.first + wp.tid()
+    i = triangle[s]
+    w = weights[s]
+    t = corner_tangents[i, 0]
+    tangents_out[s] = t + w[0] * (corner_tangents[i, 1] - t) + w[1] * (corner_tangents[i, 2] - t)
+
+
+@wp.kernel
+def _encode_linear(rows: Rows, source: wp.array[int], colors: wp.array[wp.vec3], codes_out: wp.array2d[wp.uint16]):
+    """codes[p] = round(65535 colors[source[p]]), or 0 without a source."""
+    p = rows.first + wp.tid()
+    s = source[p]
+    for channel in range(3):
+        value = 0.0
+        if s >= 0 and colors[s][channel] > 0.0:  # not so for NaN
+            value = wp.min(colors[s][channel], 1.0)
+        codes_out[p, channel] = wp.uint16(int(65535.0 * value + 0.5))
 
 
 @wp.kernel

@@ -1,4 +1,4 @@
-"""Pictures on surfaces: read from files, sampled bilinearly in linear light."""
+"""Pictures on surfaces: read from files as codes, and what the codes mean in linear light."""
 
 from dataclasses import dataclass
 
@@ -17,14 +17,16 @@ class Picture:
     Attributes:
         codes: [h, w, 3], or [h, w, 1] for grey; uint8 or uint16; first row at the top (v = 1).
         levels: linear value of each code, [256] or [65536] float32.
+        alpha: [h, w] uint8, always raw, or None.
     """
 
     codes: np.ndarray
     levels: np.ndarray
+    alpha: np.ndarray | None = None
 
     @classmethod
     def read(cls, file: str, color_space: str) -> "Picture":
-        """Reads an 8-bit picture, or 16-bit grey; of 16-bit colour Pillow keeps the upper 8 bits. Alpha is left out.
+        """Reads an 8-bit picture, or 16-bit grey; of 16-bit colour Pillow keeps the upper 8 bits.
 
         Args:
             file: in any format that Pillow reads.
@@ -34,6 +36,7 @@ class Picture:
             OSError: the file is missing, damaged, or not such a picture.
         """
         try:
+            alpha = None
             with Image.open(file) as image:
                 sixteen_bits = any(";16" in str(tile.args) for tile in image.tile)
                 if image.mode.startswith("I;16"):
@@ -44,6 +47,8 @@ class Picture:
                     raise OSError("numbers of 32 bits")
                 else:
                     codes = np.asarray(image.convert("RGB"))
+                if "A" in image.getbands() or "transparency" in image.info:
+                    alpha = np.asarray(image.convert("RGBA"))[..., 3]
         except (SyntaxError, Image.DecompressionBombError) as error:  # some damaged files; too large ones
             raise OSError(str(error)) from None
         if codes.ndim == 2:
@@ -51,55 +56,29 @@ class Picture:
         levels = np.linspace(0.0, 1.0, 65536 if codes.dtype == np.uint16 else 256)
         if color_space == "sRGB" or (color_space == "auto" and codes.shape[2] == 3 and not sixteen_bits):
             levels = decode_srgb(levels)
-        return cls(codes, levels.astype(np.float32))
+        return cls(codes, levels.astype(np.float32), alpha)
 
-    def sample(self, uvs: np.ndarray, wrap_s: str, wrap_t: str) -> np.ndarray:
-        """Linear RGB at texture coordinates [n, 2], bilinear between the four nearest texels, [n, 3] float32.
-
-        Texel (row, column) has its centre at u = (column + ½)/w, v = 1 − (row + ½)/h.
-        """
-        h, w, _ = self.codes.shape
-        x, y = uvs[:, 0] * np.float64(w) - 0.5, (1.0 - uvs[:, 1]) * np.float64(h) - 0.5
-        column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-        s, t = ((a - b).astype(np.float32)[:, None] for a, b in ((x, column), (y, row)))
-        (left, in_left), (right, in_right) = (_wrap(column + k, w, wrap_s) for k in (0, 1))
-        (upper, in_upper), (lower, in_lower) = (_wrap(row + k, h, wrap_t) for k in (0, 1))
-
-        def tap(row, column, inside):
-            return self.levels[self.codes[row, column]] * inside[:, None]
-
-        top = (1 - s) * tap(upper, left, in_upper & in_left) + s * tap(upper, right, in_upper & in_right)
-        bottom = (1 - s) * tap(lower, left, in_lower & in_left) + s * tap(lower, right, in_lower & in_right)
-        return np.broadcast_to((1 - t) * top + t * bottom, (len(uvs), 3))
+    def linear(self) -> np.ndarray:
+        """Linear RGBA of each texel, [h, w, 4] float32; alpha is 1 where the file has none."""
+        pixels = np.ones((*self.codes.shape[:2], 4), np.float32)
+        pixels[..., :3] = self.levels[self.codes]
+        if self.alpha is not None:
+            pixels[..., 3] = self.alpha / np.float32(255.0)
+        return pixels
 
 
-def _wrap(index: np.ndarray, count: int, mode: str) -> tuple[np.ndarray, np.ndarray]:
-    """The texel that stands for one outside the picture, and whether it is not black."""
-    if mode == "repeat":
-        return index % count, np.ones(len(index), bool)
-    if mode == "mirror":
-        index = index % (2 * count)
-        return np.minimum(index, 2 * count - 1 - index), np.ones(len(index), bool)
-    inside = (index >= 0) & (index < count)
-    return np.clip(index, 0, count - 1), inside | (mode != "black")
-
-
-def diffuse_colors(material: Material, uvs: np.ndarray | None, count: int) -> np.ndarray:
-    """Diffuse colour of a surface at texture coordinates [n, 2], linear RGB ≥ 0, [n, 3] float32.
-
-    Where there is no texture, or no texture coordinates (None), it is the material's colour at all `count` places.
+def read_texture(material: Material, field: str) -> Picture:
+    """The picture of one of a material's textures; `auto` is raw for all that is not a colour.
 
     Raises:
         FieldError: the texture's file cannot be read.
     """
-    texture = material.diffuse_texture
-    if texture is None or uvs is None:
-        return np.broadcast_to(np.asarray(material.diffuse_color, np.float32), (count, 3))
+    texture = getattr(material, field)
+    color_space = texture.color_space
+    if color_space == "auto" and field != "diffuse_texture":
+        color_space = "raw"
     try:
-        picture = Picture.read(texture.file, texture.color_space)
+        return Picture.read(texture.file, color_space)
     except OSError as error:
         reason = f"{texture.file} ({error.strerror or error})"
-        raise FieldError(material.path, "diffuse_texture", reason, "a picture file that can be read") from None
-    value = picture.sample(uvs, texture.wrap_s, texture.wrap_t)
-    scale, bias = (np.asarray(rgba[:3], np.float32) for rgba in (texture.scale, texture.bias))
-    return np.maximum(value * scale + bias, np.float32(0.0))
+        raise FieldError(material.path, field, reason, "a picture file that can be read") from None

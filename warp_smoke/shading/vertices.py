@@ -17,6 +17,7 @@ class VertexMap:
         points: in set space, [n] vec3.
         normals: unit surface normals, [n] vec3: the mean of the mesh's normals around each point, or else the
             area-weighted mean of its faces; zero at a point without faces.
+        tangents: one element; there are no tangent frames at points.
         uvs: texture coordinates of one of the corners at each point, [n, 2] float32 on the host, or None.
     """
 
@@ -27,6 +28,7 @@ class VertexMap:
         self.count = len(mesh.points_at(0.0))
         self.points = launcher.zeros(self.count, "bake", dtype=wp.vec3)
         self.normals = launcher.zeros(self.count, "bake", dtype=wp.vec3)
+        self.tangents = launcher.zeros(1, "bake", dtype=wp.vec4)
         self.uvs = None
         if mesh.uvs is not None and np.all(np.isfinite(mesh.uvs)):
             self.uvs = np.zeros((self.count, 2), np.float32)
@@ -47,6 +49,14 @@ class VertexMap:
     def color_picture(self, colors: wp.array) -> np.ndarray:
         """Linear RGB at each point, [n, 3] float32."""
         return colors.numpy().copy()
+
+    def linear_picture(self, colors: wp.array) -> np.ndarray:
+        """Linear RGB at each point, [n, 3] float32."""
+        return colors.numpy().copy()
+
+    def direction_picture(self, directions: wp.array) -> np.ndarray:
+        """Unit vectors at each point, [n, 3] float32."""
+        return directions.numpy().copy()
 
     def share_picture(self, shares: wp.array) -> np.ndarray:
         """Shares 0…1 at each point, [n] float32."""

@@ -1,0 +1,192 @@
+"""Materials and their pictures on the device: one table for all that is shaded together."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import warp as wp
+
+from warp_smoke.launch import Launcher
+from warp_smoke.material import CHANNELS, GLOSS_ROLES, PARALLAXES, REFLECTIONS, TEXTURES, WRAP_MODES, Material, Texture
+from warp_smoke.shading.procedural import make_picture
+from warp_smoke.shading.textures import Picture, read_texture
+
+wp.set_module_options({"enable_backward": False})
+
+_REPEAT, _CLAMP, _MIRROR = (wp.constant(WRAP_MODES.index(mode)) for mode in ("repeat", "clamp", "mirror"))
+_RED, _ALPHA = (wp.constant(CHANNELS.index(channel)) for channel in ("r", "a"))
+# Texel coordinates beyond this are clipped, so that they fit an int.
+_FARTHEST = wp.constant(1.0e9)
+
+
+@wp.struct
+class TextureLook:
+    """A picture in `Looks.texels`, and how it lies on a surface: texel coordinates of uv are turned · uv + moved."""
+
+    first: int
+    width: int
+    height: int
+    wrap_s: int
+    wrap_t: int
+    channel: int
+    scale: wp.vec4
+    bias: wp.vec4
+    turned: wp.mat22
+    moved: wp.vec2
+
+
+@wp.struct
+class MaterialLook:
+    """A `Material`; its textures by their index, −1 for none, its tokens by their place in `warp_smoke.material`."""
+
+    diffuse: wp.vec3
+    r0: wp.vec3
+    emissive: wp.vec3
+    roughness: float
+    reflection: int
+    gloss: int
+    parallax: int
+    parallax_scale: float
+    parallax_bias: float
+    diffuse_texture: int
+    normal_texture: int
+    height_texture: int
+    roughness_texture: int
+
+
+@wp.struct
+class Looks:
+    """All materials, their textures, and the textures' texels as linear RGBA, rows from the top."""
+
+    materials: wp.array[MaterialLook]
+    textures: wp.array[TextureLook]
+    texels: wp.array[wp.vec4]
+
+
+def make_looks(launcher: Launcher, materials: Sequence[Material]) -> Looks:
+    """Reads the materials' pictures and puts all on the device; a picture that several share is there once.
+
+    Args:
+        launcher: where to allocate.
+        materials: those of the surfaces that are shaded.
+
+    Raises:
+        FieldError: a texture's file cannot be read.
+    """
+    textures, texels = [], []
+    first = 0
+    pictures: dict[tuple, tuple[int, int, int]] = {}
+
+    def place(key: tuple, picture: Picture) -> tuple[int, int, int]:
+        nonlocal first
+        if key not in pictures:
+            linear = picture.linear()
+            pictures[key] = first, linear.shape[1], linear.shape[0]
+            texels.append(linear.reshape(-1, 4))
+            first += len(texels[-1])
+        return pictures[key]
+
+    looks = []
+    for material in materials:
+        look = MaterialLook()
+        look.diffuse, look.r0 = wp.vec3(*material.diffuse_color), wp.vec3(*material.fresnel_r0)
+        look.emissive, look.roughness = wp.vec3(*material.emissive_color), material.roughness
+        look.reflection = REFLECTIONS.index(material.reflection)
+        look.gloss = GLOSS_ROLES.index(material.gloss)
+        look.parallax = PARALLAXES.index(material.parallax if material.has_relief else "none")
+        look.parallax_scale, look.parallax_bias = material.parallax_scale, material.parallax_bias
+        for field in TEXTURES:
+            texture = getattr(material, field)
+            if texture is None:
+                setattr(look, field, -1)
+                continue
+            setattr(look, field, len(textures))
+            key = (texture.file, texture.color_space, field == "diffuse_texture")
+            found = pictures.get(key) or place(key, read_texture(material, field))
+            textures.append(_texture_look(texture, *found))
+        if material.procedural is not None:
+            look.diffuse_texture = len(textures)
+            found = place((material.path, "procedural"), make_picture(material.procedural))
+            textures.append(_texture_look(Texture(file="procedural"), *found))
+        looks.append(look)
+    table = Looks()
+    device = launcher.device
+    table.materials = wp.array(looks, dtype=MaterialLook, device=device)
+    table.textures = wp.array(textures or [TextureLook()], dtype=TextureLook, device=device)
+    linear = np.concatenate(texels or [np.zeros((1, 4), np.float32)])
+    table.texels = launcher.array(linear, "textures", dtype=wp.vec4)
+    return table
+
+
+def without_pictures(material: Material) -> Material:
+    """A material whose surface has no texture coordinates."""
+    return replace(material, procedural=None, **dict.fromkeys(TEXTURES))
+
+
+def without_relief(material: Material) -> Material:
+    """A material whose surface has no tangents."""
+    return replace(material, normal_texture=None, height_texture=None)
+
+
+def _texture_look(texture: Texture, first: int, width: int, height: int) -> TextureLook:
+    look = TextureLook()
+    look.first, look.width, look.height = first, width, height
+    look.wrap_s, look.wrap_t = WRAP_MODES.index(texture.wrap_s), WRAP_MODES.index(texture.wrap_t)
+    look.channel = CHANNELS.index(texture.channel)
+    look.scale, look.bias = wp.vec4(*texture.scale), wp.vec4(*texture.bias)
+    # UsdTransform2d scales, then turns, then moves; rows run from the top, so v changes sign.
+    angle = math.radians(texture.uv_rotation)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    to_texels = np.array([[width, 0.0], [0.0, -height]])
+    look.turned = wp.mat22((to_texels @ turn @ np.diag(texture.uv_scale)).astype(np.float32))
+    look.moved = wp.vec2(*(to_texels @ np.asarray(texture.uv_translation) + (-0.5, height - 0.5)))
+    return look
+
+
+@wp.func
+def _wrap(index: int, count: int, mode: int):
+    """The texel that stands for one outside the picture; −1 for black."""
+    if mode == _REPEAT:
+        return (index % count + count) % count
+    if mode == _CLAMP:
+        return wp.clamp(index, 0, count - 1)
+    if mode == _MIRROR:
+        m = (index % (2 * count) + 2 * count) % (2 * count)
+        return wp.min(m, 2 * count - 1 - m)
+    return wp.where(index >= 0 and index < count, index, -1)
+
+
+@wp.func
+def _texel(looks: Looks, texture: TextureLook, row: int, column: int):
+    i = _wrap(row, texture.height, texture.wrap_t)
+    j = _wrap(column, texture.width, texture.wrap_s)
+    if i < 0 or j < 0:
+        return wp.vec4(0.0)
+    return looks.texels[texture.first + i * texture.width + j]
+
+
+@wp.func
+def sample_texture(looks: Looks, index: int, uv: wp.vec2):
+    """Scale · texel + bias, linear RGBA, bilinear between the four nearest texels.
+
+    Texel (row, column) has its centre at u = (column + ½)/w, v = 1 − (row + ½)/h.
+    """
+    texture = looks.textures[index]
+    x = texture.turned * uv + texture.moved
+    s = wp.clamp(x[0], -_FARTHEST, _FARTHEST)
+    t = wp.clamp(x[1], -_FARTHEST, _FARTHEST)
+    column = int(wp.floor(s))
+    row = int(wp.floor(t))
+    f = s - wp.floor(s)
+    g = t - wp.floor(t)
+    top = (1.0 - f) * _texel(looks, texture, row, column) + f * _texel(looks, texture, row, column + 1)
+    below = (1.0 - f) * _texel(looks, texture, row + 1, column) + f * _texel(looks, texture, row + 1, column + 1)
+    return wp.cw_mul((1.0 - g) * top + g * below, texture.scale) + texture.bias
+
+
+@wp.func
+def sample_number(looks: Looks, index: int, uv: wp.vec2):
+    """The channel that a texture of numbers stands for; red where it names all three."""
+    rgba = sample_texture(looks, index, uv)
+    return rgba[wp.clamp(looks.textures[index].channel, _RED, _ALPHA) - _RED]

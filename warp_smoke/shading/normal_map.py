@@ -1,0 +1,78 @@
+"""Normal maps: made from heights, stored in pictures, and packed beside other maps.
+
+Directions are stored as 127.5 (n + 1) in 8-bit RGB and read back as 2c − 1 (F. Luna, *Introduction to 3D Game
+Programming with DirectX 12*, chapter 19); +y is the direction in which v grows, towards the picture's top.
+"""
+
+import numpy as np
+
+from warp_smoke.geometry import normalized
+
+
+def height_normals(heights: np.ndarray, width: float, height: float, wrap: str = "repeat") -> np.ndarray:
+    """Unit normals (−∂h/∂x, −∂h/∂y, 1) of a height field, by central differences, [h, w, 3] float64.
+
+    Args:
+        heights: [h, w], first row at the top (v = 1), in the unit of length of width and height.
+        width: of what the picture covers.
+        height: of what it covers.
+        wrap: repeat, or clamp, by which differences at the border are one-sided.
+
+    Raises:
+        ValueError: the heights are no picture, or wrap is neither.
+    """
+    heights = np.asarray(heights, np.float64)
+    if heights.ndim != 2 or not heights.size:
+        raise ValueError(f"heights have shape {list(heights.shape)}; allowed: [h, w]")
+    if wrap not in ("repeat", "clamp"):
+        raise ValueError(f"wrap is {wrap}; allowed: repeat, clamp")
+    rows, columns = heights.shape
+    along_x = _slope(heights, 1, wrap) * (columns / width)
+    along_y = _slope(heights, 0, wrap) * (-rows / height)
+    return normalized(np.stack([-along_x, -along_y, np.ones_like(heights)], axis=2))
+
+
+def _slope(heights: np.ndarray, axis: int, wrap: str) -> np.ndarray:
+    """Difference to the next texel along an axis, central where there are two neighbours."""
+    if wrap == "repeat":
+        return 0.5 * (np.roll(heights, -1, axis) - np.roll(heights, 1, axis))
+    return np.gradient(heights, axis=axis) if heights.shape[axis] > 1 else np.zeros_like(heights)
+
+
+def encode_normals(normals: np.ndarray) -> np.ndarray:
+    """Unit normals as 8-bit codes 127.5 (n + 1), rounded, uint8 of the same shape."""
+    return np.rint(127.5 * (np.clip(normals, -1.0, 1.0) + 1.0)).astype(np.uint8)
+
+
+def decode_normals(codes: np.ndarray) -> np.ndarray:
+    """Directions 2c − 1 of 8-bit codes, made unit, float64."""
+    return normalized(2.0 * np.asarray(codes, np.float64) / 255.0 - 1.0)
+
+
+def pack_channels(rgb: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """One RGBA picture of a map of three channels and one of one: base and gloss, or normals and height.
+
+    Args:
+        rgb: [h, w, 3] uint8.
+        alpha: [h, w] uint8.
+
+    Raises:
+        ValueError: the maps differ in size or are not 8-bit.
+    """
+    for pixels in (rgb, alpha):
+        if pixels.dtype != np.uint8:
+            raise ValueError(f"pixels are {pixels.dtype}; allowed: uint8")
+    if rgb.shape != (*alpha.shape, 3):
+        raise ValueError(f"maps have shapes {list(rgb.shape)} and {list(alpha.shape)}; allowed: [h, w, 3] and [h, w]")
+    return np.dstack([rgb, alpha])
+
+
+def unpack_channels(rgba: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The two maps of a packed picture, [h, w, 3] and [h, w].
+
+    Raises:
+        ValueError: the picture has no alpha.
+    """
+    if rgba.ndim != 3 or rgba.shape[2] != 4:
+        raise ValueError(f"picture has shape {list(rgba.shape)}; allowed: [h, w, 4]")
+    return rgba[..., :3], rgba[..., 3]

@@ -1,0 +1,87 @@
+"""Computed pictures: the Mandelbrot set, a checker, and noise.
+
+Sources: the TyphoonLabs GLSL course (Mandelbrot set and its colours); K. Perlin, "Improving Noise", 2002 (gradient
+noise with a quintic fade, here repeated at the picture's borders).
+"""
+
+import numpy as np
+
+from warp_smoke.material import Procedural
+from warp_smoke.shading.srgb import encode_srgb_codes, srgb_levels
+from warp_smoke.shading.textures import Picture
+
+# Blend of the two outer colours for each iteration.
+_BLEND = 0.05
+_OCTAVES = 5
+
+
+def make_picture(procedural: Procedural) -> Picture:
+    """The picture as it is written to a file: sRGB codes [size, size, 3], first row at the top."""
+    along = (np.arange(procedural.size) + 0.5) / procedural.size
+    u, v = np.meshgrid(along, along[::-1])
+    share, black = _SHARES[procedural.kind](procedural, u, v)
+    first, second = np.array(procedural.color1), np.array(procedural.color2)
+    colors = first + share[..., None] * (second - first)
+    colors[black] = 0.0
+    return Picture(encode_srgb_codes(colors), srgb_levels())
+
+
+def mandelbrot_iterations(c: np.ndarray, most: int) -> np.ndarray:
+    """Steps z ← z² + c from 0 until |z|² ≥ 4, or most + 1 if that takes more than `most`; int, as c (complex)."""
+    count = np.full(c.shape, most + 1)
+    z, place, start = np.zeros(c.size, complex), np.arange(c.size), c.ravel()
+    for step in range(1, most + 1):
+        z = z * z + start
+        gone = z.real**2 + z.imag**2 >= 4.0
+        count.flat[place[gone]] = step
+        z, place, start = z[~gone], place[~gone], start[~gone]
+    return count
+
+
+def _mandelbrot(procedural: Procedural, u: np.ndarray, v: np.ndarray):
+    """Of c = 5 (uv − ½)/zoom + center; inside black, outside fract(0.05 · iterations) between the colours."""
+    scale = 5.0 / procedural.zoom
+    x, y = procedural.center
+    c = (u - 0.5) * scale + x + 1j * ((v - 0.5) * scale + y)
+    iterations = mandelbrot_iterations(c, procedural.max_iterations)
+    return (_BLEND * iterations) % 1.0, iterations > procedural.max_iterations
+
+
+def _checker(procedural: Procedural, u: np.ndarray, v: np.ndarray):
+    squares = np.floor(u * procedural.repeats) + np.floor(v * procedural.repeats)
+    return squares % 2.0, np.zeros(u.shape, bool)
+
+
+def _noise(procedural: Procedural, u: np.ndarray, v: np.ndarray):
+    """½ + ½ Σ 2⁻ᵏ noise(2ᵏ repeats · uv), within 0…1."""
+    total = np.zeros(u.shape)
+    for octave in range(_OCTAVES):
+        period = procedural.repeats * 2**octave
+        total += 0.5**octave * gradient_noise(u * period, v * period, period)
+    return np.clip(0.5 + 0.5 * total, 0.0, 1.0), np.zeros(u.shape, bool)
+
+
+def gradient_noise(x: np.ndarray, y: np.ndarray, period: int) -> np.ndarray:
+    """Perlin's noise in two dimensions, −1…1, zero at whole numbers, the same again after `period`."""
+    i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    f, g = x - i, y - j
+
+    def corner(a: int, b: int) -> np.ndarray:
+        angle = _hash((i + a) % period, (j + b) % period) * (2.0 * np.pi / 2**32)
+        return np.cos(angle) * (f - a) + np.sin(angle) * (g - b)
+
+    s, t = (w * w * w * (w * (6.0 * w - 15.0) + 10.0) for w in (f, g))
+    low = corner(0, 0) + s * (corner(1, 0) - corner(0, 0))
+    high = corner(0, 1) + s * (corner(1, 1) - corner(0, 1))
+    return np.sqrt(2.0) * (low + t * (high - low))
+
+
+def _hash(i: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """Well mixed 32 bits of two whole numbers (C. Wellons, lowbias32)."""
+    h = (i * 73856093 ^ j * 19349663).astype(np.uint32)
+    for shift, factor in ((16, 0x7FEB352D), (15, 0x846CA68B)):
+        h = (h ^ (h >> np.uint32(shift))) * np.uint32(factor)
+    return h ^ (h >> np.uint32(16))
+
+
+_SHARES = {"mandelbrot": _mandelbrot, "checker": _checker, "noise": _noise}
