@@ -29,6 +29,11 @@ class Cells:
     velocity: None = None
     changes: int = 0
 
+    @property
+    def held(self) -> wp.array:
+        """Cells of fluid, for nothing moves."""
+        return self.fluid
+
     def update(self, start: float, end: float, seconds: float) -> None:
         """Stands still."""
         self.changes = 1

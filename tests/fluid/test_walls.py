@@ -7,6 +7,7 @@ import scipy.spatial
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from real_meshes import asset
+from shapes import shell
 from staggered import CLOSED, OPEN, lattice_of
 
 from warp_smoke.fluid.colliders import Solids
@@ -36,13 +37,6 @@ def rotation(seed):
     q, r = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))
     q = q * np.sign(np.diag(r))
     return q * np.sign(np.linalg.det(q))
-
-
-def shell(radius, thickness):
-    """A hollow sphere, closed on both sides."""
-    outer, inner = Mesh.sphere(radius, 32), Mesh.sphere(radius - thickness, 32)
-    points = np.concatenate([outer.points, inner.points])
-    return Mesh(points, np.concatenate([outer.triangles, inner.triangles[:, ::-1] + len(outer.points)]))
 
 
 def walls_of(launcher, lattice, mesh, transform=None, start=0.0, end=0.0, seconds=0.0):

@@ -45,7 +45,7 @@ def _wall(share: wp.array3d[float], fluid: wp.array3d[float], i: int, j: int, k:
 
 @wp.kernel
 def _mark_obstructed(rows: Rows, solids: SolidCells, obstructed_out: wp.array3d[float]):
-    """Mark: obstructed = 1 in cells that are solid or were so in the last step, or have a wall on a face; else 0."""
+    """Mark: obstructed = 1 in cells that are solid or not held, or have a wall on a face; else 0."""
     i, j, c = wp.tid()
     i += rows.first
     fluid = dense(solids.fluid)
@@ -357,25 +357,19 @@ class SolidBoundary:
             solids: the colliders on the lattice.
         """
         self._launcher, self._solids = launcher, solids
-        self._moves = solids.velocity is not None
         shape = solids.fluid.shape
         self._crowded, self._near, self._spare = (launcher.zeros(shape, "colliders") for _ in range(3))
-        self._held = launcher.zeros(shape, "colliders") if self._moves else solids.fluid
         cells = self._cells = SolidCells()
-        cells.fluid, cells.held, cells.crowded, cells.near = solids.fluid, self._held, self._crowded, self._near
+        cells.fluid, cells.held, cells.crowded, cells.near = solids.fluid, solids.held, self._crowded, self._near
         cells.wx, cells.wy, cells.wz = solids.wx, solids.wy, solids.wz
         self._changes, self._settled = 0, False
 
     def move(self, start: float, end: float, seconds: float) -> None:
         """Moves the solids to where they stand at `end`; arguments as for `Solids.update`."""
         solids = self._solids
-        if self._moves:
-            wp.copy(self._held, solids.fluid)
         solids.update(start, end, seconds)
-        if self._changes == 0 and self._moves:
-            wp.copy(self._held, solids.fluid)
         changed = solids.changes != self._changes
-        # Once more in the step after a move: what was solid before it holds smoke by then.
+        # Once more in the step after a move: what was solid or passed over in it holds smoke by then.
         if changed or not self._settled:
             self._mark_crowded()
         self._changes, self._settled = solids.changes, not changed
