@@ -295,21 +295,23 @@ class GridLevels:
 
 def level_matrix(level: Level) -> scipy.sparse.csr_array:
     """−L over the cells of the level's arrays, those around it too: their rows are empty."""
-    numbers = np.arange(level.inverse.size).reshape(level.inverse.shape)
+    size, (_, ny, nz) = level.inverse.size, level.inverse.shape
     inner = np.zeros(level.inverse.shape, bool)
     inner[tuple(slice(1, n + 1) for n in level.shape)] = True
-    rows, columns, values = [], [], []
-    for axis, weights in enumerate(level.weights):
-        w = weights.numpy().astype(np.float64)
-        below = np.roll(numbers, 1, axis)
-        for here, there in ((numbers, below), (below, numbers)):
-            at = (w > 0) & inner.ravel()[here]
-            rows.append(here[at])
-            columns.append(here[at])
-            values.append(w[at])
-            at &= inner.ravel()[there]
-            rows.append(here[at])
-            columns.append(there[at])
-            values.append(-w[at])
-    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-    return scipy.sparse.coo_array(entries, shape=(numbers.size, numbers.size)).tocsr()
+    inner = inner.ravel()
+    diagonal, rows, columns, values = np.zeros(size), [], [], []
+    for weights, stride in zip(level.weights, (ny * nz, nz, 1), strict=True):
+        w = weights.numpy().ravel()
+        here = np.flatnonzero(w)
+        below, w = here - stride, w[here].astype(np.float64)
+        for cells in (here, below):
+            diagonal += np.bincount(cells, weights=w * inner[cells], minlength=size)
+        between = inner[here] & inner[below]
+        here, below, w = here[between], below[between], w[between]
+        rows += [here, below]
+        columns += [below, here]
+        values += [-w, -w]
+    used = np.flatnonzero(diagonal)
+    rows, columns = np.concatenate([*rows, used]), np.concatenate([*columns, used])
+    entries = (np.concatenate([*values, diagonal[used]]), (rows, columns))
+    return scipy.sparse.coo_array(entries, shape=(size, size)).tocsr()

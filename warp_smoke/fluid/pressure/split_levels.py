@@ -287,20 +287,20 @@ def _coarsen(matrix, position: np.ndarray, members: scipy.sparse.csr_array) -> t
     coarse.data[np.abs(coarse.data) < 1e-6] = 0.0  # cells of which nothing leads out
     coarse.eliminate_zeros()
     rows, columns = members.nonzero()
-    parent = np.zeros(len(position), int)
-    parent[rows] = columns
     coarse_position = np.zeros((members.shape[1], 3), int)
     coarse_position[columns] = position[rows] // 2
     links = coarse.tocoo()
-    apart = links.row != links.col
-    across = (links.row[apart], links.col[apart])
-    beside = (members @ scipy.sparse.csr_array((-0.25 * links.data[apart], across), shape=coarse.shape)).tocoo()
-    step = coarse_position[beside.col] - coarse_position[parent[beside.row]]
-    side = 2 * (position[beside.row] % 2) - 1
-    chosen = (np.abs(step).sum(1) == 1) & ((step * side).sum(1) == 1)
-    entries = (beside.data[chosen], (beside.row[chosen], beside.col[chosen]))
-    neighbours = scipy.sparse.csr_array(entries, shape=members.shape)
-    to_outside = 0.25 * np.clip(matrix.sum(1), 0.0, 2.0)
-    own = 1.0 - np.asarray(neighbours.sum(1)).ravel() - to_outside
+    step = coarse_position[links.col] - coarse_position[links.row]
+    neighbours = scipy.sparse.csr_array(members.shape)
+    for axis in range(3):
+        # Neighbours one further along this axis, and none along the others; for cells on that side.
+        for side, away in enumerate((-1, 1)):
+            chosen = (step[:, axis] == away) & (np.abs(step).sum(axis=1) == 1)
+            entries = (-0.25 * links.data[chosen], (links.row[chosen], links.col[chosen]))
+            on_side = scipy.sparse.diags_array((position[:, axis] % 2 == side).astype(float))
+            neighbours += on_side @ members @ scipy.sparse.csr_array(entries, shape=coarse.shape)
+    to_outside = 0.25 * np.clip(matrix.sum(axis=1), 0.0, 2.0)
+    own = 1.0 - neighbours.sum(axis=1) - to_outside
     prolongation = (scipy.sparse.diags_array(own) @ members + neighbours).tocsr()
+    prolongation.eliminate_zeros()
     return coarse, prolongation, coarse_position
