@@ -33,9 +33,11 @@ class PointMap:
         position: the light in set space.
         far: [stage units]; points beyond are lit.
         bias: how much deeper than the stored depth a point must lie to be in shadow.
+        near_caster: 1 for tiles from which the filter may reach a caster, [faces · rows · columns].
     """
 
     depth: wp.array3d[float]
+    near_caster: wp.array[int]
     frames: wp.array[wp.mat33]
     slope: float
     position: wp.vec3
@@ -81,10 +83,24 @@ def stored_depth(m: PointMap, c: wp.vec4):
 
 
 @wp.func
+def may_be_shadowed(m: PointMap, c: wp.vec4):
+    """Whether the filter may reach a caster from map coordinates; never beside the map."""
+    size = m.depth.shape[1]
+    limit = float(size)
+    found = wp.int32(0)
+    if c[3] > 0.0 and c[1] >= 0.0 and c[2] >= 0.0 and c[1] <= limit and c[2] <= limit:
+        across = (size + _TILE - 1) // _TILE
+        row = wp.min(int(c[2]), size - 1) // _TILE
+        found = m.near_caster[(int(c[0]) * across + row) * across + wp.min(int(c[1]), size - 1) // _TILE]
+    return found != 0
+
+
+@wp.func
 def nearest_of_texel(m: PointMap, r: wp.vec3, normal: wp.vec3, u: wp.vec3):
     """The least distance, less the bias, at which the plane through the point r may lie in the texel around u; or −1.
 
-    Along u the plane lies at e = |u| (n·r) / (n·u). With x = spread · tan θ it is nowhere in the texel nearer than
+    Along u the plane lies at e = |u| (n·r) / (n·u), but no farther than |r| is asked for: beyond the point's plane a
+    curved surface rises towards the light more often than it falls. With x = spread · tan θ it is nowhere in the texel nearer than
     e / (1 + x): the least bias without acne, for any θ. A light's own bias is taken off |r|. Where u passes over the
     plane's horizon, the result is −1.
     """
@@ -95,7 +111,7 @@ def nearest_of_texel(m: PointMap, r: wp.vec3, normal: wp.vec3, u: wp.vec3):
     if m.bias.spread == 0.0:
         nearest = wp.max(wp.length(r) - fixed_bias(m.bias, -wp.dot(r, normal) / wp.max(wp.length(r), 1.0e-30)), 0.0)
     elif cosine > 0.0:
-        e = length * wp.dot(r, normal) / along
+        e = wp.min(length * wp.dot(r, normal) / along, wp.length(r))
         nearest = wp.max(e / (1.0 + m.bias.spread * tangent(cosine)) - m.bias.constant, 0.0)
     return nearest
 
@@ -159,8 +175,9 @@ def _filter_taps(
     visible = wp.float32(0.0)
     if wp.dot(r, normal) < 0.0:
         visible = wp.float32(1.0)
-        if wp.length(r) <= m.far:
-            texel = 2.0 * m.slope * map_coordinates(m, r)[3] / float(m.depth.shape[1])
+        c = map_coordinates(m, r)
+        if wp.length(r) <= m.far and may_be_shadowed(m, c):
+            texel = 2.0 * m.slope * c[3] / float(m.depth.shape[1])
             reach = taps.radius * (1.0 + taps.growth * wp.length(points[n] - taps.eye)) + taps.texels * texel
             total = wp.vec3(0.0, 0.0, 0.0)
             for k in range(taps.offsets.shape[0]):
@@ -191,8 +208,9 @@ def _filter_penumbra(
     if wp.dot(r, normal) < 0.0:
         visible = wp.float32(1.0)
         d = wp.length(r)
-        if d <= m.far:
-            texel = 2.0 * m.slope * map_coordinates(m, r)[3] / float(m.depth.shape[1])
+        c = map_coordinates(m, r)
+        if d <= m.far and may_be_shadowed(m, c):
+            texel = 2.0 * m.slope * c[3] / float(m.depth.shape[1])
             toward = r / wp.max(d, 1.0e-30)
             side = wp.vec3(1.0, 0.0, 0.0)
             if wp.abs(toward[0]) > 0.7:
@@ -255,7 +273,9 @@ class PointMapShadow:
         size = light.shadow_map_size
         self._depth = launcher.zeros((self.faces, size, size), "shadow_map")
         self._depth.fill_(1.0)
-        self._tiles = launcher.zeros(self.faces * (-(-size // coverage.TILE)) ** 2, "shadow_map", dtype=int)
+        self._tiles, self._near_caster = (
+            launcher.zeros(self.faces * (-(-size // coverage.TILE)) ** 2, "shadow_map", dtype=int) for _ in range(2)
+        )
         self._covered, self._traced, self._looked = None, None, None
         self.rays = 0
 
@@ -299,7 +319,7 @@ class PointMapShadow:
         self._axes = self._frames(time)
         self.map = PointMap()
         self.map.depth, self.map.position, self.map.far = self._depth, wp.vec3(*position.tolist()), far
-        self.map.slope = self.slope
+        self.map.slope, self.map.near_caster = self.slope, self._near_caster
         self.map.frames = self._launcher.array(self._axes.astype(np.float32), "shadow_map", dtype=wp.mat33)
         self.map.bias = light_bias(light, spread=2**0.5 * self.slope / size, extent=max(far, extent))
 
@@ -307,9 +327,14 @@ class PointMapShadow:
         found = found[coverage.nearest_distance(found, position) < far]
         self._closest = float(max(coverage.nearest_distance(found, position).min(initial=far), start, 1e-3 * far))
         casting = coverage.covered_tiles(self._rectangles(found, position, self._axes), size)
-        grown = self._receivers + self._reach(far, position)[:, None, None] * np.array([[-1.0], [1.0]])
+        reach = self._reach(self._receivers, position)
+        grown = self._receivers + reach[:, None, None] * np.array([[-1.0], [1.0]])
         receiving = coverage.covered_tiles(self._rectangles(grown, position, self._axes), size)
         covered = casting & receiving
+        # The same reach, at the casters' distance: what lies beyond has no tap on them.
+        grown = found + self._reach(found, position)[:, None, None] * np.array([[-1.0], [1.0]])
+        near = coverage.covered_tiles(self._rectangles(grown, position, self._axes), size)
+        self._near_caster.assign(near.ravel().astype(np.int32))
         if self._covered is not None and np.any(self._covered & ~covered):
             self._depth.fill_(1.0)
         self._covered = covered
@@ -330,19 +355,22 @@ class PointMapShadow:
                 self._depth,
             )
 
-    def _reach(self, far: float, position: np.ndarray) -> np.ndarray:
-        """How far beside each receiver the filter looks, at most, [n]."""
-        light = self._light
-        farthest = np.linalg.norm(coverage.box_corners(self._receivers) - position, axis=2).max(axis=1)
-        texel = 2.0 * self.slope * farthest / light.shadow_map_size
-        reach = np.full(len(farthest), light.shadow_softness or 0.0)
+    def _reach(self, boxes: np.ndarray, position: np.ndarray) -> np.ndarray:
+        """How far beside boxes the filter looks, at most, laid on the boxes at their farthest, [n]."""
+        light, far = self._light, float(self.map.far)
+        farthest = np.linalg.norm(coverage.box_corners(boxes) - position, axis=2).max(axis=1)
+        texels = farthest * 2.0 * self.slope / light.shadow_map_size
         if light.shadow_filter == "hard":
-            return np.zeros(len(farthest))
+            return np.zeros(len(boxes))
         if light.shadow_filter == "pcss":
-            return light.radius * farthest / self._closest + texel
+            return light.radius * farthest / self._closest + texels
         if light.shadow_filter == "pcf_disk_view":
-            return np.full(len(farthest), far)  # the camera may be anywhere
-        return 3**0.5 * (reach + filters.DEFAULT_TEXELS * texel)
+            return np.full(len(boxes), far)  # the camera may be anywhere
+        if light.shadow_softness is None:
+            return 3**0.5 * filters.DEFAULT_TEXELS * texels
+        # Receivers near the light see the width of the filter under a wide angle.
+        nearest = max(coverage.nearest_distance(self._receivers, position).min(), self._closest)
+        return 3**0.5 * light.shadow_softness * np.maximum(1.0, farthest / nearest)
 
     def _offsets(self, frames: np.ndarray) -> np.ndarray:
         if self._light.shadow_filter == "hard":
