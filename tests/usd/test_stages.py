@@ -8,6 +8,7 @@ from pxr import Usd
 
 from warp_smoke.geometry import corner_normals, transform_points
 from warp_smoke.lattice import place_lattice
+from warp_smoke.plan import make_plan
 from warp_smoke.scene import DistantLight, PointLight, Scene, SpotLight
 from warp_smoke.usd.validate import validate_stage
 
@@ -30,7 +31,7 @@ def on_screen(camera, point, time):
 
 def test_all_are_tested():
     """The stages that this file knows are those that there are."""
-    assert {path.stem for path in STAGES} == {"obstacle", "plume", "room", "smoke_only"}
+    assert {path.stem for path in STAGES} == {"cross", "obstacle", "plume", "room", "smoke_only"}
 
 
 @pytest.mark.parametrize("path", STAGES, ids=lambda path: path.stem)
@@ -134,6 +135,26 @@ def test_room_has_its_own_place_in_the_texture_for_every_wall():
     for a in range(6):
         for b in range(a):
             assert np.any((lower[a] > upper[b]) | (lower[b] > upper[a]))
+
+
+def test_cross():
+    """The lamp stands to the left, the right, behind and obliquely behind; the smoke and the cross shadow the floor."""
+    scene = stage("cross")
+    (domain,), (lamp,) = scene.domains, scene.lights
+    left, right, behind, oblique = (lamp.position_at(frame) for frame in (12, 24, 36, 48))
+    assert left[0] < -2 < 2 < right[0]
+    assert behind[2] < -2
+    assert oblique[0] < -2
+    assert oblique[2] < -2
+    (floor,) = (surface for surface in scene.surfaces if surface.receiver)
+    assert len(scene.surfaces) == 4
+    (receiver,) = make_plan(scene).receivers
+    (light,) = receiver.lights
+    assert light.surface_shadow
+    assert [(each.domain.domain.path, each.method) for each in light.smoke] == [(domain.path, "march")]
+    # The floor is below the domain: one layer is enough.
+    assert light.smoke[0].layer is None
+    assert floor.receiver.bake == ("lit", "visibility", "smokeShadow")
 
 
 def test_smoke_only():

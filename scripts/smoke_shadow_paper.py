@@ -1,0 +1,265 @@
+"""Measures the smoke shadows on this machine and writes docs/smoke_shadow.json, its tables and its pictures.
+
+The paper is Zhan, Yang, Shi and Fei (2008); its table 1, figures 3, 7 and 8, and what its equation (3) is.
+"""
+
+import json
+import platform
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import warp as wp
+from PIL import Image
+from scipy import fft
+
+import warp_smoke as ws
+from warp_smoke.launch import Launcher
+from warp_smoke.scene import DistantLight
+from warp_smoke.shadow.diffusion import Diffusion
+from warp_smoke.shadow.dpd import DpdSmokeShadow
+from warp_smoke.shadow.methods import SMOKE_SHADOWS
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+REPEATS = 7
+# Density grid, shadow texture, and the whole frame on the paper's workstation of 2006 [ms].
+TABLE_1 = ((32, 64, 16), (64, 64, 38), (100, 128, 135), (256, 256, 378))
+ORIGIN = np.zeros(3)
+
+
+def median_ms(work: Callable[[], object]) -> float:
+    """Median time of a piece of work, after one run to warm up [ms]."""
+    work()
+    times = []
+    for _ in range(REPEATS):
+        start = perf_counter()
+        work()
+        times.append(perf_counter() - start)
+    return 1e3 * float(np.median(times))
+
+
+def machine() -> str:
+    """The processor's name, and how many threads are used."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    name = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.processor())
+    return f"{name}, {Launcher().threads} threads"
+
+
+def plume(resolution: int, size: int | None, method: str) -> ws.Scene:
+    """The example plume with its lamp alone, on a plain floor, at a resolution."""
+    scene = ws.Scene.open(ROOT / "stages/plume.usda")
+    lamp = replace(scene.lights[0], smoke_shadow=method, smoke_shadow_size=size)
+    (floor,) = (surface for surface in scene.surfaces if surface.receiver)
+    floor = replace(floor, receiver=replace(floor.receiver, bake=("lit",), texture_size=256))
+    domain = replace(scene.domains[0], resolution=resolution, grids=("density",))
+    return replace(scene, domains=(domain,), lights=(lamp,), surfaces=(floor,))
+
+
+def table_1() -> list[dict]:
+    """The paper's rows: the whole frame, and the shadow alone by several methods [ms]."""
+    rows = []
+    for resolution, size, paper in TABLE_1:
+        simulation = ws.Simulation(plume(resolution, size, "dpd"))
+        for _ in range(3):
+            simulation.step()
+        frame = median_ms(simulation.step)
+        launcher, lattice = simulation.launcher, simulation.plan.domains[0].lattice
+        lamp, sun = simulation.plan.scene.lights[0], ws.Scene.open(ROOT / "stages/plume.usda").lights[1]
+        full = wp.array(np.random.default_rng(0).random(lattice.shape, np.float32), dtype=float, device=launcher.device)
+        row = {"grid": resolution, "texture": size, "paper_frame_ms": paper, "frame_ms": frame}
+        for name, light, method, texels, density in (
+            ("dpd_ms", lamp, "dpd", size, simulation.density),
+            ("dpd_full_ms", lamp, "dpd", size, full),
+            ("point_ms", lamp, "march", None, simulation.density),
+            ("point_full_ms", lamp, "march", None, full),
+            ("distant_ms", sun, "march", None, simulation.density),
+            ("distant_full_ms", sun, "march", None, full),
+            ("distant_empty_ms", sun, "march", None, wp.zeros_like(full)),
+        ):
+            chosen = replace(light, smoke_shadow=method, smoke_shadow_size=texels)
+            shadow = SMOKE_SHADOWS[method](launcher, lattice, chosen, ORIGIN, 9.0)
+            row[name] = median_ms(lambda shadow=shadow, density=density: shadow.update(density, 1.0))
+        rows.append(row)
+    return rows
+
+
+def methods() -> list[dict]:
+    """Each method against traced rays on the floor under frame 40 of the plume, and its time [ms]."""
+    simulation = ws.Simulation(plume(64, None, "march"))
+    for _ in range(40):
+        simulation.step()
+    launcher, lattice, lamp = simulation.launcher, simulation.plan.domains[0].lattice, simulation.plan.scene.lights[0]
+    floor = np.stack(np.meshgrid(np.linspace(-3, 3, 200), [0.0], np.linspace(-3, 3, 200)), axis=-1).reshape(-1, 3)
+    points = wp.array(floor, dtype=wp.vec3, device=launcher.device)
+
+    def measure(light: ws.Light, **options: float) -> tuple[np.ndarray, float]:
+        shadow = SMOKE_SHADOWS[light.smoke_shadow](launcher, lattice, light, ORIGIN, 9.0, **options)
+        out = wp.full((1, len(floor)), 1.0, dtype=float, device=launcher.device)
+        shadow.update(simulation.density, 1.0)
+        shadow.transmittance(points, out)
+        found = out.numpy()[0].copy()
+
+        def again() -> None:
+            shadow.update(simulation.density, 1.0)
+            shadow.transmittance(points, out)
+
+        return found, median_ms(again)
+
+    truth, _ = measure(replace(lamp, smoke_shadow="ray_traced"), step=0.05)
+    shadowed = truth < 0.999
+    cases = [({"smoke_shadow": name}, name) for name in ("march", "nearest", "bilinear", "gaussian", "footprint")]
+    cases += [
+        ({"smoke_shadow": "dpd"}, "dpd"),
+        ({"smoke_shadow": "dpd", "smoke_diffusion": 1.0}, "dpd, one sweep (r = 1)"),
+        ({"smoke_shadow": "dpd", "smoke_compositing": "transmittance"}, "dpd, transmittance"),
+        (
+            {"smoke_shadow": "dpd", "smoke_projection": "rays", "smoke_compositing": "transmittance"},
+            "dpd, true rays, transmittance",
+        ),
+    ]
+    for diffuser in ("paper", "sweeps", "exact"):
+        fields = {"smoke_shadow": "nearest", "smoke_diffusion": 1.0, "smoke_diffuser": diffuser}
+        cases.append((fields, f"nearest, {diffuser} (r = 1)"))
+    cases.append(({"smoke_shadow": "ray_traced"}, "ray_traced (½ cell)"))
+    rows = []
+    for fields, name in cases:
+        found, ms = measure(replace(lamp, **fields))
+        error = np.abs(found - truth)[shadowed]
+        rows.append({"method": name, "mean_error": float(error.mean()), "max_error": float(error.max()), "ms": ms})
+    return rows
+
+
+def equation_3() -> list[dict]:
+    """One sweep against the implicit step that it begins: on a point in the middle of 129² texels."""
+    n = 129
+    u = np.zeros((1, n, n), np.float32)
+    u[0, n // 2, n // 2] = 1.0
+    eigenvalues = 2 - 2 * np.cos(np.pi * np.arange(n) / n)
+    launcher, x = Launcher(), np.arange(n) - n // 2
+    start = launcher.array(u, "start")
+    rows = []
+    for r in (0.05, 0.25, 1.0, 10.0):
+        truth = fft.idctn(fft.dctn(u[0].astype(float)) / (1 + r * np.add.outer(eigenvalues, eigenvalues)))
+
+        def jacobi(sweeps: int, r: float = r) -> np.ndarray:
+            return Diffusion(launcher, u.shape, r, "sweeps", sweeps).spread(start).numpy()[0].astype(float)
+
+        paper = Diffusion(launcher, u.shape, r, "paper", None).spread(start).numpy()[0].astype(float)
+        low, high = 0, 1024  # the least number of sweeps within 1e-3
+        while high - low > 1:
+            middle = (low + high) // 2
+            if np.abs(jacobi(middle) - truth).sum() < 1e-3:
+                high = middle
+            else:
+                low = middle
+        kept = float(np.sum(paper.sum(axis=1) * x**2) / (2 * r))
+        rows.append({"r": r, "variance_kept": kept, "l1": float(np.abs(paper - truth).sum()), "sweeps": high})
+    return rows
+
+
+def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """A Markdown table."""
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (header, ("---",) * len(header), *rows))
+
+
+def fill_in(document: str, name: str, text: str) -> str:
+    """Puts a text between the marks of its name."""
+    begin, end = f"<!-- {name} -->", f"<!-- end {name} -->"
+    before, _, rest = document.partition(begin)
+    return f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}"
+
+
+def write_tables(measured: dict) -> None:
+    """Writes the measurements into the document."""
+    page = DOCS / "smoke_shadow.md"
+    text = page.read_text(encoding="utf-8")
+    rows = [
+        (
+            f"{row['grid']}³",
+            f"{row['texture']}²",
+            f"{row['paper_frame_ms']}",
+            f"{row['frame_ms']:.1f}",
+            f"{row['dpd_ms']:.2f} / {row['dpd_full_ms']:.2f}",
+            f"{row['point_ms']:.2f} / {row['point_full_ms']:.2f}",
+            f"{row['distant_ms']:.2f} / {row['distant_full_ms']:.2f} / {row['distant_empty_ms']:.2f}",
+        )
+        for row in measured["table_1"]
+    ]
+    header = ("grid", "texture", "paper, frame", "frame", "`dpd`", "`march`, point light", "`march`, distant light")
+    note = f"Milliseconds, medians of {REPEATS} on {measured['machine']}. Shadows alone: plume / full of smoke / empty."
+    text = fill_in(text, "table 1", f"{table(header, rows)}\n\n{note}")
+    rows = [
+        (each["method"], f"{each['mean_error']:.4f}", f"{each['max_error']:.3f}", f"{each['ms']:.2f}")
+        for each in measured["methods"]
+    ]
+    text = fill_in(text, "methods", table(("method", "mean error", "largest error", "ms"), rows))
+    rows = [
+        (f"{row['r']:g}", f"{100 * row['variance_kept']:.2g} %", f"{row['l1']:.2f}", f"{row['sweeps']}")
+        for row in measured["equation_3"]
+    ]
+    header = ("r", "variance kept", "L1 distance from the implicit step", "Jacobi sweeps to 10⁻³")
+    page.write_text(fill_in(text, "equation 3", table(header, rows)), encoding="utf-8")
+
+
+def figure_3() -> None:
+    """A light buffer of 64 × 48 texels of a volume of 32 × 48 × 32 cells, before and after one sweep."""
+    scene = plume(48, None, "dpd")
+    matrix = np.eye(4)
+    matrix[3, :3] = 0, 1.2, 0
+    box = {"lower": (-0.8, -1.2, -0.8), "upper": (0.8, 1.2, 0.8), "transform": matrix}
+    simulation = ws.Simulation(replace(scene, domains=(replace(scene.domains[0], **box),)))
+    for _ in range(36):
+        simulation.step()
+    lattice = simulation.plan.domains[0].lattice
+    turn = np.eye(4)
+    turn[:3, :3] = (0, 0, -1), (0, 1, 0), (1, 0, 0)
+    pictures = []
+    for r in (0.0, 1.0):
+        light = DistantLight(path="/Sun", transform=turn, smoke_diffusion=r)
+        shadow = DpdSmokeShadow(simulation.launcher, lattice, light, ORIGIN, 9.0, texels=(64, 48))
+        shadow.update(simulation.density, 1.0)
+        pictures.append(shadow.buffer().T[::-1])
+    grey = np.hstack(pictures) / max(picture.max() for picture in pictures)
+    picture = Image.fromarray(np.uint8(255 * (1 - grey)))
+    picture.resize((6 * picture.width, 6 * picture.height), Image.Resampling.NEAREST).save(DOCS / "smoke_shadow_3.png")
+
+
+def figure(scene: ws.Scene, frames: tuple[int, ...], name: str) -> None:
+    """Four frames of a scene in one picture."""
+    with tempfile.TemporaryDirectory() as folder:
+        result = ws.run(scene, folder)
+        pictures = []
+        for frame in frames:
+            file = Path(folder, f"{frame}.png")
+            ws.preview(result, frame=frame, size=(400, 225), screenshot=file)
+            pictures.append(Image.open(file).convert("RGB"))
+        width, height = pictures[0].size
+        sheet = Image.new("RGB", (2 * width, 2 * height))
+        for index, picture in enumerate(pictures):
+            sheet.paste(picture, (index % 2 * width, index // 2 * height))
+        sheet.save(DOCS / name, optimize=True)
+
+
+def main(parts: list[str]) -> None:
+    """Does all, or the parts that are named: measure, tables, figures."""
+    measurements = DOCS / "smoke_shadow.json"
+    if not parts or "measure" in parts:
+        measured = {"machine": machine(), "equation_3": equation_3(), "methods": methods(), "table_1": table_1()}
+        measurements.write_text(json.dumps(measured, indent=2) + "\n", encoding="utf-8")
+    if not parts or {"measure", "tables"} & set(parts):
+        write_tables(json.loads(measurements.read_text(encoding="utf-8")))
+    if not parts or "figures" in parts:
+        figure_3()
+        scene = ws.Scene.open(ROOT / "stages/plume.usda")
+        figure(replace(scene, end=200), (2, 20, 100, 200), "smoke_shadow_7.png")
+        figure(ws.Scene.open(ROOT / "stages/cross.usda"), (12, 24, 36, 48), "smoke_shadow_8.png")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
