@@ -1,10 +1,10 @@
 """Stable fluids: the smoke of one domain, step by step.
 
 J. Stam, *Stable Fluids*, 1999; R. Fedkiw, J. Stam, H. W. Jensen, *Visual Simulation of Smoke*, 2001. A step emits, adds
-forces, diffuses the velocity and projects it, carries all fields along it, and diffuses and dissipates the smoke.
+forces, projects the velocity, carries all fields along it, and dissipates.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import ceil, isfinite, sqrt
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,6 @@ import warp as wp
 
 from warp_smoke.fluid.advection import ADVECTION_SCHEMES, limit_energy
 from warp_smoke.fluid.colliders import Solids
-from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffusion_number
 from warp_smoke.fluid.dissipation import decay
 from warp_smoke.fluid.emitters import Source
 from warp_smoke.fluid.forces import Buoyancy
@@ -50,7 +49,6 @@ class StepReport:
         speed: largest |velocity component| at the end [m/s].
         pressure: how well each step's pressure was solved for; empty where nothing flows.
         confinement: smallest share of the vorticity confinement asked for that its cap on kinetic energy let through.
-        diffusion: largest bound on the error of diffusion, as a share of the change; 0 where it is exact.
     """
 
     substeps: int = 1
@@ -58,7 +56,6 @@ class StepReport:
     speed: float = 0.0
     pressure: list[PressureStatus] = field(default_factory=list)
     confinement: float = 1.0
-    diffusion: float = 0.0
 
 
 class SmokeSolver:
@@ -83,9 +80,9 @@ class SmokeSolver:
         self._sources = [Source(launcher, plan.lattice, emitter) for emitter in plan.emitters]
         self.state = make_state(launcher, shape, self._passes, plan.domain.ambient_temperature)
         self.solids = Solids(launcher, plan.lattice, plan.colliders) if self._has("voxelize_colliders") else None
-        self._boundary = SolidBoundary(launcher, self.solids) if self.solids else None
         self._flows = self._has("project_pressure")
         if self._flows:
+            self._boundary = SolidBoundary(launcher, self.solids) if self.solids else None
             problem = PressureProblem(shape=shape, sides=sides, solids=self.solids, tolerance=plan.pressure_tolerance)
             self._pressure_solver = PRESSURE_SOLVERS[plan.pressure_solver](launcher, problem)
             self._divergence = launcher.zeros(shape, "divergence")
@@ -95,13 +92,6 @@ class SmokeSolver:
             self._buoyancy = Buoyancy(launcher, shape, sides, plan.lattice.up)
         if self._has("confine_vorticity"):
             self._confinement = VorticityConfinement(launcher, shape, plan.lattice.h, self._measures)
-
-        diffusing = (0, 1, 2) * self._has("diffuse_velocity") + (None,) * self._has("diffuse_density")
-        if diffusing:
-            problem = DiffusionProblem(
-                shape, sides, plan.lattice.no_slip, diffusing, plan.domain.diffusion_sweeps, self.solids
-            )
-            self._diffusion = DIFFUSION_SOLVERS[plan.diffusion_solver](launcher, problem)
 
     def _has(self, name: str) -> bool:
         return name in self._passes
@@ -147,7 +137,6 @@ class SmokeSolver:
             speed=speed,
             pressure=[status for report in reports for status in report.pressure],
             confinement=min(report.confinement for report in reports),
-            diffusion=max(report.diffusion for report in reports),
         )
 
     def step(self, start: float, end: float, dt: float) -> StepReport:
@@ -167,13 +156,11 @@ class SmokeSolver:
         if self._flows:
             confinement = self._confine_vorticity(dt)  # before buoyancy moves faces of solids: its cap counts them
             self._add_buoyancy(dt)
-            diffusion = self._diffuse_velocity(dt)
             pressure = self._project_pressure()
             courant, speed = self._advect(dt)
-            report = StepReport(1, courant, speed, [pressure], confinement, diffusion)
-        diffusion = self._diffuse_density(dt)
+            report = StepReport(1, courant, speed, [pressure], confinement)
         self._dissipate(dt)
-        return replace(report, diffusion=max(report.diffusion, diffusion))
+        return report
 
     def _count_steps(self, seconds: float, speed: float) -> int:
         """Steps that keep (max|u| + a dt) dt within the limit, a the largest acceleration by buoyancy."""
@@ -238,24 +225,6 @@ class SmokeSolver:
             if domain.buoyancy_temperature and state.temperature is not None:
                 strength = domain.buoyancy_temperature * dt
                 self._buoyancy.add(state.temperature, domain.ambient_temperature, strength, state.velocity)
-
-    def _diffuse_velocity(self, dt: float) -> float:
-        """Returns the bound on the error of diffusion."""
-        if not self._has("diffuse_velocity"):
-            return 0.0
-        r = diffusion_number(self._domain.viscosity, dt, self._lattice.h)
-        with self._timings.measure("diffuse_velocity"):
-            if self.solids:
-                self.solids.apply(self.state.velocity)
-            return max(self._diffusion.diffuse(axis, faces, r) for axis, faces in enumerate(self.state.velocity))
-
-    def _diffuse_density(self, dt: float) -> float:
-        """Returns the bound on the error of diffusion."""
-        if not self._has("diffuse_density"):
-            return 0.0
-        r = diffusion_number(self._domain.density_diffusion, dt, self._lattice.h)
-        with self._timings.measure("diffuse_density"):
-            return self._diffusion.diffuse(None, self.state.density, r)
 
     def _project_pressure(self) -> PressureStatus:
         launcher, sides, divergence = self._launcher, self._lattice.sides, self._divergence
