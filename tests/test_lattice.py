@@ -55,6 +55,16 @@ def test_mirrored_transform_gives_right_handed_axes():
     assert mirrored.sides.count("closed") == 2
 
 
+def test_no_slip_sides_are_closed():
+    """A side that is no_slip is closed for all but viscosity, and is turned with the axes."""
+    boundary = ("open", "no_slip", "closed", "open", "no_slip", "open")
+    plain = lattice(boundary=boundary, resolution=4)
+    assert plain.sides == ("open", "closed", "closed", "open", "closed", "open")
+    assert plain.no_slip == (False, True, False, False, True, False)
+    mirrored = lattice(transform=np.diag([1.0, 1.0, -1.0, 1.0]), boundary=boundary, resolution=4)
+    assert mirrored.no_slip == (False, True, False, False, False, True)
+
+
 @pytest.mark.parametrize("units", [0.001, 0.01, 1.0, 1000.0])
 def test_units(units):
     """The side of a cell in metres does not depend on the stage's unit."""

@@ -35,6 +35,13 @@ BALL = ws.Collider(path="/World/Ball", mesh=ws.Mesh.sphere(0.3, 16), transform=a
 # What switches an effect on, the modules whose kernels it launches, and labels of the memory that it takes.
 EFFECTS = {
     "vorticity": ({"vorticity": 0.5}, {}, ["fluid.vorticity"], ["vorticity"]),
+    "viscosity": (
+        {"viscosity": 0.01, "diffusion_solver": "jacobi"},
+        {},
+        ["fluid.diffusion.spectral", "fluid.diffusion.jacobi"],
+        ["diffusion"],
+    ),
+    "density diffusion": ({"density_diffusion": 0.01}, {}, ["fluid.diffusion.spectral"], ["diffusion"]),
     "dissipation": ({"density_dissipation": 0.5}, {}, ["fluid.dissipation"], []),
     "collider": ({}, {"colliders": [BALL]}, ["fluid.colliders", "fluid.pressure.v_cycle"], ["colliders"]),
     "surface shadow": (
@@ -152,6 +159,9 @@ def test_fields_can_be_written_between_steps():
     "change",
     [
         {"vorticity": 0.5},
+        {"viscosity": 0.01},
+        {"viscosity": 0.01, "diffusion_solver": "jacobi"},
+        {"density_diffusion": 0.01, "colliders": [BALL]},
         {"advection": "semi_lagrangian"},
         {"colliders": [BALL]},
         {"pressure_solver": "multigrid"},

@@ -22,6 +22,7 @@ class Lattice(Record):
         meters_per_unit: length of a stage unit [m].
         sides: open or closed for each of -x +x -y +y -z +z of the lattice.
         up: unit vector up along the lattice's axes.
+        no_slip: which of the closed sides hold back viscous air that moves along them.
     """
 
     shape: tuple[int, int, int]
@@ -30,6 +31,7 @@ class Lattice(Record):
     meters_per_unit: float
     sides: tuple[str, ...]
     up: tuple[float, float, float]
+    no_slip: tuple[bool, ...] = (False,) * 6
 
     @property
     def h(self) -> float:
@@ -77,9 +79,9 @@ def place_lattice(scene: Scene, domain: SmokeDomain) -> Lattice:
     bottom = 2 * int(np.argmax(np.abs(up)))
     bottom += up[bottom // 2] < 0
     if domain.boundary is None:
-        sides = tuple("closed" if side == bottom else "open" for side in range(6))
+        boundary = tuple("closed" if side == bottom else "open" for side in range(6))
     else:
-        sides = domain.boundary[:4] + (domain.boundary[4:][::-1] if mirrored else domain.boundary[4:])
+        boundary = domain.boundary[:4] + (domain.boundary[4:][::-1] if mirrored else domain.boundary[4:])
 
     h = size.max() / domain.resolution
     shape = np.maximum(1, np.round(size / h)).astype(int)
@@ -94,6 +96,7 @@ def place_lattice(scene: Scene, domain: SmokeDomain) -> Lattice:
         voxel_size=float(h),
         to_world=read_only(to_world, np.float64),
         meters_per_unit=scene.meters_per_unit,
-        sides=sides,
+        sides=tuple("open" if token == "open" else "closed" for token in boundary),
         up=tuple(float(x) for x in up),
+        no_slip=tuple(token == "no_slip" for token in boundary),
     )

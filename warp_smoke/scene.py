@@ -30,7 +30,7 @@ from warp_smoke.record import (
 
 AXES = ("X", "Y", "Z")
 SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
-BOUNDARIES = ("open", "closed")
+BOUNDARIES = ("open", "closed", "no_slip")
 ADVECTION_SCHEMES = ("semi_lagrangian", "maccormack")
 PRESSURE_SOLVERS = (
     "spectral",
@@ -40,7 +40,8 @@ PRESSURE_SOLVERS = (
     "red_black",
     "jacobi",
 )
-GRIDS = ("density", "temperature", "velocity")
+DIFFUSION_SOLVERS = ("spectral", "jacobi")
+GRIDS = ("density", "temperature", "velocity", "light")
 BAKES = ("lit", "visibility", "smokeShadow")
 FALLOFF_MODELS = ("inverseSquare", "linear", "polynomial")
 SHADOW_FILTERS = ("hard", "pcf_grid", "pcf_disk", "pcf_disk_view", "pcss", "exact", "area")
@@ -94,21 +95,24 @@ class SmokeDomain(Prim):
     Attributes:
         lower, upper: corners in local space; the transform may turn and scale the box but not shear it.
         resolution: cells along the longest side; cells are cubes.
-        boundary: open or closed for each of the sides -x +x -y +y -z +z of the box; None = open, with the bottom
-            closed.
+        boundary: open, closed (air slides along it) or no_slip (closed, and viscous air sticks to it) for each of the
+            sides -x +x -y +y -z +z of the box; None = open, with the bottom closed.
         time_scale: seconds of smoke for each second of the stage.
         max_courant: largest max|u| dt / h of a substep.
         buoyancy_density: α, downward acceleration per density [m/s²].
         buoyancy_temperature: β, upward acceleration per degree above ambient [m/s²].
         ambient_temperature: temperature of the air.
         vorticity: strength ε of vorticity confinement (0 = off).
+        viscosity: kinematic viscosity ν of the air [m²/s].
+        density_diffusion: how fast smoke spreads by itself [m²/s].
         density_dissipation, temperature_cooling: decay rates [1/s].
         extinction: σ [1/m] at density 1.
         extinction_color: factor on σ for red, green and blue: its shadows have the colours that are let through.
         albedo: share of the dimmed light that is scattered on, linear RGB, for the light grid.
         density_scale: factor on the density that is exported.
-        grids: fields written to the volume files: density, temperature, velocity.
-        advection, pressure_solver, pressure_tolerance: None = chosen by the plan.
+        grids: fields written to the volume files: density, temperature, velocity, light (what the smoke scatters).
+        advection, pressure_solver, pressure_tolerance, diffusion_solver: None = chosen by the plan.
+        diffusion_sweeps: the most that the diffusion solver jacobi does for each field and substep.
     """
 
     lower: tuple[float, float, float] = (-1.0, -1.0, -1.0)
@@ -121,6 +125,8 @@ class SmokeDomain(Prim):
     buoyancy_temperature: float = 1.0
     ambient_temperature: float = 0.0
     vorticity: float = 0.0
+    viscosity: float = 0.0
+    density_diffusion: float = 0.0
     density_dissipation: float = 0.0
     temperature_cooling: float = 0.0
     extinction: float = 4.0
@@ -131,6 +137,8 @@ class SmokeDomain(Prim):
     advection: str | None = None
     pressure_solver: str | None = None
     pressure_tolerance: float | None = None
+    diffusion_solver: str | None = None
+    diffusion_sweeps: int = 20
 
     def __post_init__(self):
         super().__post_init__()
@@ -140,7 +148,8 @@ class SmokeDomain(Prim):
         self._check(whole, "resolution", low=1, high=MAX_RESOLUTION)
         self._check(positive, "time_scale", "max_courant", "density_scale")
         self._check(finite, "buoyancy_density", "buoyancy_temperature", "ambient_temperature")
-        self._check(at_least, "vorticity", "density_dissipation", "temperature_cooling", "extinction")
+        self._check(at_least, "vorticity", "viscosity", "density_diffusion", "density_dissipation")
+        self._check(at_least, "temperature_cooling", "extinction")
         self._check(at_least, "extinction_color", "albedo", shape=(3,))
         if max(self.albedo) > 1:
             raise FieldError(self.path, "albedo", self.albedo, "0 to 1")
@@ -159,6 +168,9 @@ class SmokeDomain(Prim):
             self._check(one_of, "pressure_solver", allowed=PRESSURE_SOLVERS)
         if self.pressure_tolerance is not None:
             self._check(positive, "pressure_tolerance")
+        if self.diffusion_solver is not None:
+            self._check(one_of, "diffusion_solver", allowed=DIFFUSION_SOLVERS)
+        self._check(whole, "diffusion_sweeps", low=1, high=10_000)
         for matrix in each_value(self.transform):
             axes = matrix[:3, :3]
             lengths = np.linalg.norm(axes, axis=1)

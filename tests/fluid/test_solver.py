@@ -133,7 +133,7 @@ def test_unit_of_length_does_not_matter(launcher, metres):
 def obstacle(resolution: int = 20) -> Scene:
     """A plume and a ball that moves above its source."""
     path = Samples([1.0, 5.0], [at(-0.3, 1.2, 0), at(0.3, 1.2, 0)])
-    scene = lively(resolution=resolution)
+    scene = lively(resolution=resolution, viscosity=0.01, density_diffusion=0.001)
     return replace(scene, colliders=[Collider(path="/World/Ball", mesh=Mesh.sphere(0.3, 16), transform=path)])
 
 
@@ -218,7 +218,7 @@ def test_strength_of_zero_changes_nothing(launcher):
     """Passes of strength 0, forced into the plan, give the same bits as a plan without them."""
     scene = lively(vorticity=0.0, density_dissipation=0.0, temperature_cooling=0.0)
     (plan,) = make_plan(scene).domains
-    effects = ("confine_vorticity", "dissipate_density", "cool_temperature")
+    effects = ("confine_vorticity", "diffuse_velocity", "diffuse_density", "dissipate_density", "cool_temperature")
     assert not set(effects) & set(plan.passes)
     one, _ = run(launcher, scene)
     two, _ = run(launcher, scene, passes=plan.passes + effects)
@@ -231,6 +231,8 @@ KERNELS = {
     "confine_vorticity": ({"_measure_vorticity", "_confine", "_measure_work"}, lively(vorticity=0.0)),
     "add_buoyancy": ({"_accelerate"}, lively(buoyancy_density=0.0, buoyancy_temperature=0.0, vorticity=0.0)),
     "emit_velocity": ({"_push"}, plume()),
+    "diffuse_velocity": ({"_sweep_faces"}, lively()),
+    "diffuse_density": ({"_sweep_cells"}, lively()),
     "dissipate_density": ({"_decay"}, lively(density_dissipation=0.0, temperature_cooling=0.0)),
     "voxelize_colliders": ({"_mark_obstructed", "_stop_at_solids", "_sample_near_solids", "_extend"}, lively()),
 }
@@ -305,6 +307,45 @@ def test_thin_domains_run(launcher, size, boundary):
     found = fields(solver)
     assert all(np.isfinite(values).all() for values in found.values())
     assert 0.0 < found["density"].max() <= 1.0 + 1e-6
+
+
+@pytest.mark.parametrize("solver", ["spectral", "jacobi"])
+def test_diffusion_is_stable(launcher, solver):
+    """Very viscous air and smoke that spreads at once: finite, no energy made, no negative smoke; the bound is told."""
+    scene = lively(viscosity=1e6, density_diffusion=1e6, diffusion_solver=solver, boundary=("no_slip",) * 6)
+    solver_at_work, reports = run(launcher, scene)
+    found = fields(solver_at_work)
+    assert all(np.isfinite(values).all() for values in found.values())
+    assert 0.0 <= found["density"].min() <= found["density"].max() <= 1.0 + 1e-5
+    assert (max(report.diffusion for report in reports) > 0.9) == (solver == "jacobi")  # 20 sweeps are too few
+
+
+def test_diffusion_solvers_agree(launcher):
+    """A viscous plume by enough sweeps is the one by exact diffusion, to what the sweeps leave and steps amplify."""
+    scene = lively(viscosity=0.02, density_diffusion=0.01, diffusion_sweeps=500)
+    one, _ = run(launcher, changed(scene, diffusion_solver="spectral"))
+    two, _ = run(launcher, changed(scene, diffusion_solver="jacobi"))
+    for name, values in fields(one).items():
+        assert largest_difference(fields(two)[name], values) < 10 * ROUND_OFF, name
+
+
+def test_smoke_spreads_in_still_air(launcher):
+    """Where nothing moves the air, density diffusion alone acts: the puff's variance grows by 2 κ t along each axis."""
+    scene = changed(plume(resolution=32), buoyancy_temperature=0.0, density_diffusion=0.01, boundary=CLOSED)
+    source = replace(scene.emitters[0], transform=at(0, 1, 0), enabled=Samples([1.0, 2.0], [True, False]))
+    solver = make_solver(launcher, replace(scene, emitters=[source]))
+    solver.begin(1)
+
+    def variance():
+        density = solver.state.density.numpy().astype(float).sum(axis=(1, 2))
+        x = (np.arange(32) + 0.5) / 16 - 1.0
+        return (density * x * x).sum() / density.sum()
+
+    before = variance()
+    for frame in range(2, 6):
+        solver.advance(frame, frame + 1, 0.25)
+    assert solver.state.velocity is None
+    assert variance() - before == pytest.approx(2 * 0.01 * 1.0, rel=0.01)  # little has reached the sides
 
 
 def test_smoke_rises_around_a_ball(launcher):

@@ -65,6 +65,8 @@ def test_order_follows_the_data():
     ("change", "name"),
     [
         ({"vorticity": 0.5}, "confine_vorticity"),
+        ({"viscosity": 0.5}, "diffuse_velocity"),
+        ({"density_diffusion": 0.5}, "diffuse_density"),
         ({"density_dissipation": 0.5}, "dissipate_density"),
         ({"temperature_cooling": 0.5}, "cool_temperature"),
     ],
@@ -223,9 +225,31 @@ def test_colliders():
     assert "/World/Ball" in passes["project_pressure"].why
     assert solid(replace(ball, transform=turning()))["voxelize_colliders"].when == "each substep"
     assert "voxelize_colliders" not in solid(replace(ball, transform=at(9, 9, 9)))
-    spectral = replace(scene.domains[0], pressure_solver="spectral")
-    with pytest.raises(FieldError, match=r"/World/Smoke: pressure_solver is spectral; allowed: .*/World/Ball"):
-        ws.make_plan(replace(scene, domains=[spectral], colliders=[ball]))
+    for name in ("pressure_solver", "diffusion_solver"):
+        spectral = replace(scene.domains[0], **{name: "spectral"})
+        with pytest.raises(FieldError, match=rf"/World/Smoke: {name} is spectral; allowed: .*/World/Ball"):
+            ws.make_plan(replace(scene, domains=[spectral], colliders=[ball]))
+
+
+def test_diffusion_solvers():
+    """Spectral diffusion in an empty box, sweeps beside a collider; solids are known to smoke that only spreads."""
+    ball = ws.Collider(path="/World/Ball", mesh=ws.Mesh.sphere(0.3, 16), transform=at(0, 1, 0))
+    scene = plume(density_diffusion=0.1, viscosity=0.1)
+    for colliders, method in (((), "spectral"), ((ball,), "jacobi")):
+        plan = ws.make_plan(replace(scene, colliders=colliders))
+        found = {each.name: each.method for each in plan.passes if each.name.startswith("diffuse")}
+        assert found == {"diffuse_velocity": method, "diffuse_density": method}
+    still = replace(scene.domains[0], buoyancy_temperature=0.0)
+    plan = ws.make_plan(replace(scene, domains=[still], colliders=[ball]))
+    assert {"voxelize_colliders", "diffuse_density"} <= kept(plan)
+    assert "diffuse_velocity" not in kept(plan)
+
+
+def test_sides_that_slip_after_all():
+    """Without viscosity a plan says that sides which ask for no slip slip too."""
+    plan = ws.make_plan(plume(boundary=("no_slip",) * 6))
+    (why,) = (out.why for out in plan.left_out if out.name == "diffuse_velocity")
+    assert why == "viscosity is 0, so air slides along the sides that are no_slip too"
 
 
 def test_plan_imports_no_warp():

@@ -13,6 +13,7 @@ from warp_smoke.scene import (
     AXES,
     BAKES,
     BOUNDARIES,
+    DIFFUSION_SOLVERS,
     FALLOFF_MODELS,
     GRIDS,
     PRESSURE_SOLVERS,
@@ -108,6 +109,8 @@ domain_fields = optional(
     buoyancy_temperature=numbers(),
     ambient_temperature=numbers(),
     vorticity=not_negative,
+    viscosity=not_negative,
+    density_diffusion=not_negative,
     density_dissipation=not_negative,
     temperature_cooling=not_negative,
     extinction=not_negative,
@@ -118,6 +121,8 @@ domain_fields = optional(
     advection=st.sampled_from(ADVECTION_SCHEMES),
     pressure_solver=st.sampled_from(PRESSURE_SOLVERS),
     pressure_tolerance=positive,
+    diffusion_solver=st.sampled_from(DIFFUSION_SOLVERS),
+    diffusion_sweeps=st.integers(1, 10_000),
 )
 boxes = st.one_of(
     positive.map(lambda half: {"lower": (-half,) * 3, "upper": (half,) * 3}),

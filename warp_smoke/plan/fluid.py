@@ -22,6 +22,7 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
         return None
     colliders = _colliders(ledger, scene, domain, lattice)
     solver, solver_why = _pressure_solver(domain, colliders)
+    diffusion_solver, diffusion_why = _diffusion_solver(domain, colliders)
     scheme = domain.advection or DEFAULT_ADVECTION
 
     hot = any(np.any(each_value(e.temperature) != domain.ambient_temperature) for e in emitters)
@@ -45,8 +46,8 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
 
     choose(
         "voxelize_colliders",
-        flows and colliders,
-        f"smoke flows around {_paths(colliders)}",
+        (flows or domain.density_diffusion) and colliders,
+        f"smoke flows around {_paths(colliders)}" if flows else f"smoke spreads around {_paths(colliders)}",
         still if colliders else "no collider touches the domain",
         makes="solid cells",
         when=When.SUBSTEP if stirring else When.ONCE,
@@ -63,12 +64,20 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
     choose(
         "confine_vorticity", flows and domain.vorticity, f"vorticity is {domain.vorticity:g}", why_not, makes="velocity"
     )
+    sticky = domain.boundary is not None and "no_slip" in domain.boundary
+    why = f"viscosity is {domain.viscosity:g} m²/s; {diffusion_why}"
+    slips = "viscosity is 0" + ", so air slides along the sides that are no_slip too" * sticky
+    why_not = still if domain.viscosity else slips
+    choose("diffuse_velocity", flows and domain.viscosity, why, why_not, makes="velocity", method=diffusion_solver)
     why = f"air keeps its volume; {solver_why}"
     choose("project_pressure", flows, why, still, makes="velocity without divergence", method=solver)
     choose("advect_velocity", flows, "air carries its own motion along", still, makes="velocity", method=scheme)
     choose("advect_density", flows, "air carries smoke along", still, makes="density", method=scheme)
     why, why_not = "air carries heat along", still if has_heat else cold
     choose("advect_temperature", flows and has_heat, why, why_not, makes="temperature", method=scheme)
+    spread, why_not = domain.density_diffusion, "densityDiffusion is 0"
+    why = f"densityDiffusion is {spread:g} m²/s; {diffusion_why}"
+    choose("diffuse_density", spread, why, why_not, makes="density", method=diffusion_solver)
     rate = domain.density_dissipation
     choose("dissipate_density", rate, f"densityDissipation is {rate:g}/s", "densityDissipation is 0", makes="density")
     rate = domain.temperature_cooling
@@ -80,7 +89,9 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
         ledger.omit("write velocity", (domain.path,), still)
     ledger.keep("write_volume", (domain.path,), When.FRAME, ", ".join(grids), "the domain's smoke is exported")
     tolerance = domain.pressure_tolerance or DEFAULT_TOLERANCE
-    return DomainPlan(domain, lattice, tuple(kept), emitters, colliders, scheme, solver, tolerance, grids)
+    return DomainPlan(
+        domain, lattice, tuple(kept), emitters, colliders, scheme, solver, tolerance, diffusion_solver, grids
+    )
 
 
 def _paths(prims: list | tuple) -> str:
@@ -128,3 +139,17 @@ def _pressure_solver(domain: SmokeDomain, colliders: tuple[Collider, ...]) -> tu
         allowed = f"{others}, since {colliders[0].path} is a collider in it"
         raise FieldError(domain.path, "pressure_solver", solver, allowed)
     return solver, f"pressureSolver is {solver}"
+
+
+def _diffusion_solver(domain: SmokeDomain, colliders: tuple[Collider, ...]) -> tuple[str, str]:
+    """The solver, and why it is taken."""
+    solver = domain.diffusion_solver
+    if solver is None and colliders:
+        return "jacobi", f"jacobi knows {_paths(colliders)}"
+    if solver is None:
+        return "spectral", "spectral is exact where no collider is in the domain"
+    if solver == "spectral" and colliders:
+        others = ", ".join(name for name in DIFFUSION_SOLVERS if name != "spectral")
+        allowed = f"{others}, since {colliders[0].path} is a collider in it"
+        raise FieldError(domain.path, "diffusion_solver", solver, allowed)
+    return solver, f"diffusionSolver is {solver}"

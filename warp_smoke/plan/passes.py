@@ -16,10 +16,12 @@ PASS_NAMES = (
     "emit_velocity",
     "add_buoyancy",
     "confine_vorticity",
+    "diffuse_velocity",
     "project_pressure",
     "advect_velocity",
     "advect_density",
     "advect_temperature",
+    "diffuse_density",
     "dissipate_density",
     "cool_temperature",
     "write_volume",
@@ -104,7 +106,7 @@ class DomainPlan:
     Attributes:
         passes: names of the passes that run.
         emitters, colliders: those that touch the domain.
-        advection, pressure_solver, pressure_tolerance: the schemes.
+        advection, pressure_solver, pressure_tolerance, diffusion_solver: the schemes.
         grids: what is written to the volume file.
     """
 
@@ -117,6 +119,7 @@ class DomainPlan:
     pressure_solver: str
     pressure_tolerance: float
     grids: tuple[str, ...]
+    diffusion_solver: str
 
 
 class SmokeShadowPlan(NamedTuple):

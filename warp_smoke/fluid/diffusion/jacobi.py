@@ -1,0 +1,238 @@
+"""Diffusion by Jacobi sweeps, beside colliders too.
+
+A sweep is a weighted mean of the field as it was and its neighbours as they are, so nothing ever leaves the range of
+the field and of its values on the sides, however few the sweeps. What flows between two samples goes through the open
+share of the face between them; for a velocity component that is the mean of two faces of cells.
+"""
+
+from math import ceil, log, prod
+
+import warp as wp
+
+from warp_smoke.fluid.colliders import open_faces
+from warp_smoke.fluid.diffusion.problem import DiffusionProblem
+from warp_smoke.fluid.grid import face_shape
+from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
+
+wp.set_module_options({"enable_backward": False})
+
+# Sweeps end once no more than this share of the first error can be left: what float32 resolves.
+_ENOUGH = 1e-6
+
+
+@wp.kernel
+def _sweep_cells(
+    rows: Rows,
+    before: wp.array3d[float],
+    a: wp.array3d[float],
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    r: float,
+    a_out: wp.array3d[float],
+):
+    """a_out = (before + r Σ w a_nb) / (1 + r Σ w), w the open share of each face.
+
+    On an open side w is 2 and a_nb is 0: the side is half a cell away.
+    """
+    i, j, c = wp.tid()
+    i += rows.first
+    old = dense(before)
+    src = dense(a)
+    x = dense(wx)
+    y = dense(wy)
+    z = dense(wz)
+    out = dense_store(a_out)
+    nx = a.shape[0]
+    ny = a.shape[1]
+    nz = a.shape[2]
+    i0 = wp.max(i - 1, 0)
+    i1 = wp.min(i + 1, nx - 1)
+    j0 = wp.max(j - 1, 0)
+    j1 = wp.min(j + 1, ny - 1)
+    # 1 for a neighbour inside of the domain, else 0.
+    inside_x0 = float(i - i0)
+    inside_x1 = float(i1 - i)
+    inside_y0 = float(j - j0)
+    inside_y1 = float(j1 - j)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, nz)
+    while k < end:
+        k0 = wp.max(k - 1, 0)
+        k1 = wp.min(k + 1, nz - 1)
+        inside_z0 = float(k - k0)
+        inside_z1 = float(k1 - k)
+        x0 = x[i, j, k]
+        x1 = x[i + 1, j, k]
+        y0 = y[i, j, k]
+        y1 = y[i, j + 1, k]
+        z0 = z[i, j, k]
+        z1 = z[i, j, k + 1]
+        total = inside_x0 * x0 * src[i0, j, k] + inside_x1 * x1 * src[i1, j, k]
+        total += inside_y0 * y0 * src[i, j0, k] + inside_y1 * y1 * src[i, j1, k]
+        total += inside_z0 * z0 * src[i, j, k0] + inside_z1 * z1 * src[i, j, k1]
+        weight = (2.0 - inside_x0) * x0 + (2.0 - inside_x1) * x1
+        weight += (2.0 - inside_y0) * y0 + (2.0 - inside_y1) * y1
+        weight += (2.0 - inside_z0) * z0 + (2.0 - inside_z1) * z1
+        out[i, j, k] = bits((old[i, j, k] + r * total) / (1.0 + r * weight))
+        k += 1
+
+
+@wp.func
+def _exchange(
+    u: wp.array3d[float],
+    share: wp.array3d[float],
+    along: wp.vec3i,
+    across: wp.vec3i,
+    lower: float,
+    upper: float,
+    i: int,
+    j: int,
+    k: int,
+):
+    """Σ w u_nb and Σ w over the neighbours of face (i, j, k) `across` the axis that the component u lies `along`.
+
+    w is the mean open share of the faces that the cells beside have towards the neighbour; on a side of the domain it
+    is that of the side, `lower` or `upper`, where u is 0.
+    """
+    ci = wp.max(i - along[0], 0)
+    cj = wp.max(j - along[1], 0)
+    ck = wp.max(k - along[2], 0)
+    di = wp.min(i, u.shape[0] - 1 - along[0])
+    dj = wp.min(j, u.shape[1] - 1 - along[1])
+    dk = wp.min(k, u.shape[2] - 1 - along[2])
+    i0 = wp.max(i - across[0], 0)
+    j0 = wp.max(j - across[1], 0)
+    k0 = wp.max(k - across[2], 0)
+    i1 = wp.min(i + across[0], u.shape[0] - 1)
+    j1 = wp.min(j + across[1], u.shape[1] - 1)
+    k1 = wp.min(k + across[2], u.shape[2] - 1)
+    inside0 = float((i - i0) + (j - j0) + (k - k0))
+    inside1 = float((i1 - i) + (j1 - j) + (k1 - k))
+    w0 = 0.5 * inside0 * (share[ci, cj, ck] + share[di, dj, dk])
+    w1 = share[ci + across[0], cj + across[1], ck + across[2]] + share[di + across[0], dj + across[1], dk + across[2]]
+    w1 = 0.5 * inside1 * w1
+    total = w0 * u[i0, j0, k0] + w1 * u[i1, j1, k1]
+    return total, w0 + w1 + (1.0 - inside0) * lower + (1.0 - inside1) * upper
+
+
+@wp.struct
+class Component:
+    """Axes of a velocity component, and weights of the domain's sides: 2 where it does not slip along them, else 0."""
+
+    own: wp.vec3i
+    first: wp.vec3i
+    second: wp.vec3i
+    first_lower: float
+    first_upper: float
+    second_lower: float
+    second_upper: float
+
+
+@wp.kernel
+def _sweep_faces(
+    rows: Rows,
+    component: Component,
+    before: wp.array3d[float],
+    u: wp.array3d[float],
+    open_share: wp.array3d[float],
+    first_share: wp.array3d[float],
+    second_share: wp.array3d[float],
+    r: float,
+    u_out: wp.array3d[float],
+):
+    """u_out = (before + r Σ w u_nb) / (1 + r Σ w) on open faces, u elsewhere.
+
+    w = 1 along the component's own axis, where u goes on mirrored on open sides; else see `_exchange`.
+    """
+    i, j, c = wp.tid()
+    i += rows.first
+    a = component.own
+    old = dense(before)
+    src = dense(u)
+    own = dense(open_share)
+    share1 = dense(first_share)
+    share2 = dense(second_share)
+    out = dense_store(u_out)
+    last_i = u.shape[0] - 1
+    last_j = u.shape[1] - 1
+    last_k = u.shape[2] - 1
+    i0 = wp.abs(i - a[0])
+    j0 = wp.abs(j - a[1])
+    i1 = last_i - wp.abs(last_i - i - a[0])
+    j1 = last_j - wp.abs(last_j - j - a[1])
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, u.shape[2])
+    while k < end:
+        k0 = wp.abs(k - a[2])
+        k1 = last_k - wp.abs(last_k - k - a[2])
+        total1, weight1 = _exchange(
+            src, share1, a, component.first, component.first_lower, component.first_upper, i, j, k
+        )
+        total2, weight2 = _exchange(
+            src, share2, a, component.second, component.second_lower, component.second_upper, i, j, k
+        )
+        total = src[i0, j0, k0] + src[i1, j1, k1] + total1 + total2
+        value = (old[i, j, k] + r * total) / (1.0 + r * (2.0 + weight1 + weight2))
+        out[i, j, k] = bits(wp.where(own[i, j, k] > 0.0, value, src[i, j, k]))
+        k += 1
+
+
+class JacobiDiffusion:
+    """Approximate: as many sweeps as it takes, or as the problem allows."""
+
+    def __init__(self, launcher: Launcher, problem: DiffusionProblem):
+        """Allocates.
+
+        Args:
+            launcher: where it runs.
+            problem: what diffuses where.
+        """
+        self._launcher, self._most = launcher, problem.sweeps
+        self._shares = self._open_shares(problem)
+        shapes = {each: problem.shape if each is None else face_shape(problem.shape, each) for each in problem.fields}
+        size = max(prod(shape) for shape in shapes.values())
+        spare = [launcher.zeros(size, "diffusion") for _ in range(2)]
+        self._spare = {field: [each[: prod(shape)].reshape(shape) for each in spare] for field, shape in shapes.items()}
+        self._components = [_make_component(axis, problem.no_slip) for axis in range(3)]
+
+    def _open_shares(self, problem: DiffusionProblem) -> tuple:
+        if problem.solids is not None:
+            return problem.solids.wx, problem.solids.wy, problem.solids.wz
+        shares = tuple(self._launcher.zeros(face_shape(problem.shape, axis), "diffusion") for axis in range(3))
+        fluid = self._launcher.zeros(problem.shape, "diffusion")
+        fluid.fill_(1.0)
+        open_faces(self._launcher, fluid, problem.sides, shares)
+        return shares
+
+    def diffuse(self, axis: int | None, field: wp.array, r: float) -> float:
+        """Diffuses a field; see `DiffusionSolver.diffuse`."""
+        if r == 0.0:
+            return 0.0
+        shrinks = 6.0 * r / (1.0 + 6.0 * r)  # the error, by each sweep or faster
+        sweeps = self._most if shrinks == 1.0 else min(self._most, ceil(log(_ENOUGH) / log(shrinks)))
+        source, (target, other) = field, self._spare[axis]
+        for _ in range(sweeps):
+            self._sweep(axis, field, source, r, target)
+            source, target, other = target, other, target
+        wp.copy(field, source)
+        return shrinks**sweeps
+
+    def _sweep(self, axis: int | None, before: wp.array, source: wp.array, r: float, target: wp.array) -> None:
+        if axis is None:
+            self._launcher.launch(_sweep_cells, before.shape, before, source, *self._shares, r, target)
+        else:
+            first, second = (self._shares[a] for a in range(3) if a != axis)
+            args = (self._components[axis], before, source, self._shares[axis], first, second, r, target)
+            self._launcher.launch(_sweep_faces, before.shape, *args)
+
+
+def _make_component(axis: int, no_slip: tuple[bool, ...]) -> Component:
+    component = Component()
+    first, second = (other for other in range(3) if other != axis)
+    units = [wp.vec3i(*(int(a == b) for b in range(3))) for a in range(3)]
+    component.own, component.first, component.second = units[axis], units[first], units[second]
+    weights = [2.0 if sticks else 0.0 for sticks in no_slip]
+    component.first_lower, component.first_upper = weights[2 * first : 2 * first + 2]
+    component.second_lower, component.second_upper = weights[2 * second : 2 * second + 2]
+    return component
