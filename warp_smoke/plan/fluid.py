@@ -6,7 +6,7 @@ from warp_smoke.lattice import Lattice, place_lattice
 from warp_smoke.plan.passes import DomainPlan, Ledger, When
 from warp_smoke.plan.reach import in_box, is_moving, over, swept_corners
 from warp_smoke.record import FieldError, each_value
-from warp_smoke.scene import PRESSURE_SOLVERS, Collider, Emitter, Scene, SmokeDomain
+from warp_smoke.scene import DIFFUSION_SOLVERS, PRESSURE_SOLVERS, Collider, Emitter, Scene, SmokeDomain
 
 DEFAULT_ADVECTION = "maccormack"
 DEFAULT_TOLERANCE = 1e-3
