@@ -1,10 +1,10 @@
 """Stable fluids: the smoke of one domain, step by step.
 
 J. Stam, *Stable Fluids*, 1999; R. Fedkiw, J. Stam, H. W. Jensen, *Visual Simulation of Smoke*, 2001. A step emits, adds
-forces, projects the velocity, carries all fields along it, and dissipates.
+forces, diffuses the velocity and projects it, carries all fields along it, and diffuses and dissipates the smoke.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil, isfinite, sqrt
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from warp_smoke.fluid.advection import ADVECTION_SCHEMES, limit_energy
 from warp_smoke.fluid.colliders import Solids
 from warp_smoke.fluid.dissipation import decay
 from warp_smoke.fluid.emitters import Source
+from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffusion_number
 from warp_smoke.fluid.forces import Buoyancy
 from warp_smoke.fluid.measures import Measures
 from warp_smoke.fluid.operators import (
@@ -52,6 +53,7 @@ class StepReport:
     """
 
     substeps: int = 1
+        diffusion: largest bound on the error of diffusion, as a share of the change; 0 where it is exact.
     courant: float = 0.0
     speed: float = 0.0
     pressure: list[PressureStatus] = field(default_factory=list)
@@ -59,6 +61,7 @@ class StepReport:
 
 
 class SmokeSolver:
+    diffusion: float = 0.0
     """The smoke of one domain. Only the plan's passes are launched, and only what they need is allocated.
 
     Attributes:
@@ -82,7 +85,7 @@ class SmokeSolver:
         self.solids = Solids(launcher, plan.lattice, plan.colliders) if self._has("voxelize_colliders") else None
         self._flows = self._has("project_pressure")
         if self._flows:
-            self._boundary = SolidBoundary(launcher, self.solids) if self.solids else None
+        self._boundary = SolidBoundary(launcher, self.solids) if self.solids else None
             problem = PressureProblem(shape=shape, sides=sides, solids=self.solids, tolerance=plan.pressure_tolerance)
             self._pressure_solver = PRESSURE_SOLVERS[plan.pressure_solver](launcher, problem)
             self._divergence = launcher.zeros(shape, "divergence")
@@ -100,6 +103,13 @@ class SmokeSolver:
         """Makes the first frame: still air, and what the emitters hold.
 
         Args:
+        diffusing = (0, 1, 2) * self._has("diffuse_velocity") + (None,) * self._has("diffuse_density")
+        if diffusing:
+            problem = DiffusionProblem(
+                shape, sides, plan.lattice.no_slip, diffusing, plan.domain.diffusion_sweeps, self.solids
+            )
+            self._diffusion = DIFFUSION_SOLVERS[plan.diffusion_solver](launcher, problem)
+
             time: time code.
         """
         self._place_colliders(time, time, 0.0)
@@ -144,6 +154,7 @@ class SmokeSolver:
 
         Args:
             start: time code.
+            diffusion=max(report.diffusion for report in reports),
             end: time code.
             dt: seconds of smoke between them [s].
 
@@ -158,11 +169,13 @@ class SmokeSolver:
             self._add_buoyancy(dt)
             pressure = self._project_pressure()
             courant, speed = self._advect(dt)
-            report = StepReport(1, courant, speed, [pressure], confinement)
+            report = StepReport(1, courant, speed, [pressure], confinement, diffusion)
+        diffusion = self._diffuse_density(dt)
         self._dissipate(dt)
-        return report
+        return replace(report, diffusion=max(report.diffusion, diffusion))
 
     def _count_steps(self, seconds: float, speed: float) -> int:
+            diffusion = self._diffuse_velocity(dt)
         """Steps that keep (max|u| + a dt) dt within the limit, a the largest acceleration by buoyancy."""
         domain, state, acceleration = self._domain, self.state, 0.0
         with self._timings.measure("measure_motion"):
@@ -233,6 +246,24 @@ class SmokeSolver:
             if self.solids:
                 self.solids.apply(velocity)
                 measure_fluid_divergence(launcher, velocity, self.solids, divergence)
+    def _diffuse_velocity(self, dt: float) -> float:
+        """Returns the bound on the error of diffusion."""
+        if not self._has("diffuse_velocity"):
+            return 0.0
+        r = diffusion_number(self._domain.viscosity, dt, self._lattice.h)
+        with self._timings.measure("diffuse_velocity"):
+            if self.solids:
+                self.solids.apply(self.state.velocity)
+            return max(self._diffusion.diffuse(axis, faces, r) for axis, faces in enumerate(self.state.velocity))
+
+    def _diffuse_density(self, dt: float) -> float:
+        """Returns the bound on the error of diffusion."""
+        if not self._has("diffuse_density"):
+            return 0.0
+        r = diffusion_number(self._domain.density_diffusion, dt, self._lattice.h)
+        with self._timings.measure("diffuse_density"):
+            return self._diffusion.diffuse(None, self.state.density, r)
+
                 status = self._pressure_solver.solve(divergence, pressure)
                 subtract_fluid_gradient(launcher, pressure, sides, self.solids, velocity)
             else:
