@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from warp_smoke.geometry import Mesh
+from warp_smoke.geometry import Mesh, Points
 from warp_smoke.material import WRAP_MODES as WRAP_MODES
 from warp_smoke.material import Material as Material
 from warp_smoke.material import Procedural as Procedural
@@ -111,6 +111,7 @@ class SmokeDomain(Prim):
         albedo: share of the dimmed light that is scattered on, linear RGB, for the light grid.
         density_scale: factor on the density that is exported.
         grids: fields written to the volume files: density, temperature, velocity, light (what the smoke scatters).
+        active_box: whether smoke and air are carried only where there is smoke or fast air, and around it.
         advection, pressure_solver, pressure_tolerance, diffusion_solver: None = chosen by the plan.
         diffusion_sweeps: the most that the diffusion solver jacobi does for each field and substep.
     """
@@ -134,6 +135,7 @@ class SmokeDomain(Prim):
     albedo: tuple[float, float, float] = (1.0, 1.0, 1.0)
     density_scale: float = 1.0
     grids: tuple[str, ...] = ("density", "velocity")
+    active_box: bool = True
     advection: str | None = None
     pressure_solver: str | None = None
     pressure_tolerance: float | None = None
@@ -192,10 +194,10 @@ class SmokeDomain(Prim):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Emitter(Prim):
-    """A mesh that makes smoke inside itself (USD: `SmokeEmitterAPI`).
+    """A mesh, or points, that make smoke inside themselves (USD: `SmokeEmitterAPI`).
 
     Attributes:
-        mesh: its shape, in local space.
+        mesh: its shape, in local space; points are small spheres.
         density, temperature: of the smoke it makes; may change.
         rate: [1/s], smoke of `density` added each second; None = the values are held inside the mesh; may change.
         velocity: [m/s] along the stage's axes, given to the smoke; may change.
@@ -203,7 +205,7 @@ class Emitter(Prim):
         enabled: may change.
     """
 
-    mesh: Mesh
+    mesh: Mesh | Points
     density: float | Samples = 1.0
     temperature: float | Samples = 1.0
     rate: float | Samples | None = None
@@ -324,7 +326,7 @@ class Light(Prim):
     shadow_map_size: int = 512
     shadow_near: float | None = None
     shadow_far: float | None = None
-    shadow_filter: str = "hard"
+    shadow_filter: str = "pcss"
     shadow_softness: float | None = None
     shadow_cull_front: bool = False
     smoke_shadow: str = "march"

@@ -11,6 +11,8 @@ from warp_smoke.lattice import Lattice
 from warp_smoke.scene import DistantLight, PointLight, Surface
 from warp_smoke.shadow.casters import Casters
 
+_HARD = {"shadow_filter": "hard"}
+
 
 def _placed(position):
     matrix = np.eye(4)
@@ -36,14 +38,14 @@ def placed():
 
 @pytest.fixture(scope="session")
 def point_light():
-    """A function: position → point light."""
-    return lambda position, **fields: PointLight(path="/light", transform=_placed(position), **fields)
+    """A function: position → point light, with hard shadows unless told otherwise."""
+    return lambda position, **fields: PointLight(path="/light", transform=_placed(position), **_HARD | fields)
 
 
 @pytest.fixture(scope="session")
 def distant_light():
-    """A function: direction in which it shines → distant light."""
-    return lambda direction, **fields: DistantLight(path="/light", transform=_aimed(direction), **fields)
+    """A function: direction in which it shines → distant light, with hard shadows unless told otherwise."""
+    return lambda direction, **fields: DistantLight(path="/light", transform=_aimed(direction), **_HARD | fields)
 
 
 @pytest.fixture(scope="session")

@@ -185,9 +185,9 @@ def test_spot_light_traces_the_faces_it_needs(launcher, cast, visibility, sample
     casters = cast((Mesh.box(1.0), (0.2, 0, -2)), (Mesh.box(8.0), (0, 0, 0)))
     points, normals = sample_surface(Mesh.box(8.0), (0, 0, 0), 20_000, np.random.default_rng(0))
     normals = -normals
-    spot = SpotLight(path="/light", cone_angle=30.0)
+    spot = SpotLight(path="/light", cone_angle=30.0, shadow_filter="hard")
     narrow = _shadow(launcher, spot, casters)
-    whole = _shadow(launcher, SpotLight(path="/light", cone_angle=180.0), casters)
+    whole = _shadow(launcher, SpotLight(path="/light", cone_angle=180.0, shadow_filter="hard"), casters)
     traced = [bool(np.any(face < 1.0)) for face in narrow.map.depth.numpy()]
     assert traced == [False, False, False, False, False, True]  # −Z alone: its edge is 45° from the axis
     inside = -points[:, 2] > np.cos(np.radians(30)) * np.linalg.norm(points, axis=1)

@@ -56,7 +56,7 @@ def test_surface_shadows_share_a_signature(launcher, cast, point_light, distant_
     light = distant_light((0, -1, 0)) if method == "directional" else point_light((0, 3, 0))
     if method == "spot":
         down = [[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 3, 0, 1]]
-        light = SpotLight(path="/light", transform=down, cone_angle=30.0)
+        light = SpotLight(path="/light", transform=down, cone_angle=30.0, shadow_filter="hard")
     sky = (Mesh.sphere(1e4), (0, 0, 0))
     for around in ((), (sky,)):
         if around and isinstance(light, DistantLight):
