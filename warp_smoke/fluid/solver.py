@@ -12,9 +12,9 @@ import warp as wp
 
 from warp_smoke.fluid.advection import ADVECTION_SCHEMES, limit_energy
 from warp_smoke.fluid.colliders import Solids
+from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffusion_number
 from warp_smoke.fluid.dissipation import decay
 from warp_smoke.fluid.emitters import Source
-from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffusion_number
 from warp_smoke.fluid.forces import Buoyancy
 from warp_smoke.fluid.measures import Measures
 from warp_smoke.fluid.operators import (
@@ -50,18 +50,18 @@ class StepReport:
         speed: largest |velocity component| at the end [m/s].
         pressure: how well each step's pressure was solved for; empty where nothing flows.
         confinement: smallest share of the vorticity confinement asked for that its cap on kinetic energy let through.
+        diffusion: largest bound on the error of diffusion, as a share of the change; 0 where it is exact.
     """
 
     substeps: int = 1
-        diffusion: largest bound on the error of diffusion, as a share of the change; 0 where it is exact.
     courant: float = 0.0
     speed: float = 0.0
     pressure: list[PressureStatus] = field(default_factory=list)
     confinement: float = 1.0
+    diffusion: float = 0.0
 
 
 class SmokeSolver:
-    diffusion: float = 0.0
     """The smoke of one domain. Only the plan's passes are launched, and only what they need is allocated.
 
     Attributes:
@@ -83,9 +83,9 @@ class SmokeSolver:
         self._sources = [Source(launcher, plan.lattice, emitter) for emitter in plan.emitters]
         self.state = make_state(launcher, shape, self._passes, plan.domain.ambient_temperature)
         self.solids = Solids(launcher, plan.lattice, plan.colliders) if self._has("voxelize_colliders") else None
+        self._boundary = SolidBoundary(launcher, self.solids) if self.solids else None
         self._flows = self._has("project_pressure")
         if self._flows:
-        self._boundary = SolidBoundary(launcher, self.solids) if self.solids else None
             problem = PressureProblem(shape=shape, sides=sides, solids=self.solids, tolerance=plan.pressure_tolerance)
             self._pressure_solver = PRESSURE_SOLVERS[plan.pressure_solver](launcher, problem)
             self._divergence = launcher.zeros(shape, "divergence")
@@ -96,13 +96,6 @@ class SmokeSolver:
         if self._has("confine_vorticity"):
             self._confinement = VorticityConfinement(launcher, shape, plan.lattice.h, self._measures)
 
-    def _has(self, name: str) -> bool:
-        return name in self._passes
-
-    def begin(self, time: float) -> None:
-        """Makes the first frame: still air, and what the emitters hold.
-
-        Args:
         diffusing = (0, 1, 2) * self._has("diffuse_velocity") + (None,) * self._has("diffuse_density")
         if diffusing:
             problem = DiffusionProblem(
@@ -110,6 +103,13 @@ class SmokeSolver:
             )
             self._diffusion = DIFFUSION_SOLVERS[plan.diffusion_solver](launcher, problem)
 
+    def _has(self, name: str) -> bool:
+        return name in self._passes
+
+    def begin(self, time: float) -> None:
+        """Makes the first frame: still air, and what the emitters hold.
+
+        Args:
             time: time code.
         """
         self._place_colliders(time, time, 0.0)
@@ -147,6 +147,7 @@ class SmokeSolver:
             speed=speed,
             pressure=[status for report in reports for status in report.pressure],
             confinement=min(report.confinement for report in reports),
+            diffusion=max(report.diffusion for report in reports),
         )
 
     def step(self, start: float, end: float, dt: float) -> StepReport:
@@ -154,7 +155,6 @@ class SmokeSolver:
 
         Args:
             start: time code.
-            diffusion=max(report.diffusion for report in reports),
             end: time code.
             dt: seconds of smoke between them [s].
 
@@ -167,6 +167,7 @@ class SmokeSolver:
         if self._flows:
             confinement = self._confine_vorticity(dt)  # before buoyancy moves faces of solids: its cap counts them
             self._add_buoyancy(dt)
+            diffusion = self._diffuse_velocity(dt)
             pressure = self._project_pressure()
             courant, speed = self._advect(dt)
             report = StepReport(1, courant, speed, [pressure], confinement, diffusion)
@@ -175,7 +176,6 @@ class SmokeSolver:
         return replace(report, diffusion=max(report.diffusion, diffusion))
 
     def _count_steps(self, seconds: float, speed: float) -> int:
-            diffusion = self._diffuse_velocity(dt)
         """Steps that keep (max|u| + a dt) dt within the limit, a the largest acceleration by buoyancy."""
         domain, state, acceleration = self._domain, self.state, 0.0
         with self._timings.measure("measure_motion"):
@@ -239,13 +239,6 @@ class SmokeSolver:
                 strength = domain.buoyancy_temperature * dt
                 self._buoyancy.add(state.temperature, domain.ambient_temperature, strength, state.velocity)
 
-    def _project_pressure(self) -> PressureStatus:
-        launcher, sides, divergence = self._launcher, self._lattice.sides, self._divergence
-        velocity, pressure = self.state.velocity, self.state.pressure
-        with self._timings.measure("project_pressure"):
-            if self.solids:
-                self.solids.apply(velocity)
-                measure_fluid_divergence(launcher, velocity, self.solids, divergence)
     def _diffuse_velocity(self, dt: float) -> float:
         """Returns the bound on the error of diffusion."""
         if not self._has("diffuse_velocity"):
@@ -264,6 +257,13 @@ class SmokeSolver:
         with self._timings.measure("diffuse_density"):
             return self._diffusion.diffuse(None, self.state.density, r)
 
+    def _project_pressure(self) -> PressureStatus:
+        launcher, sides, divergence = self._launcher, self._lattice.sides, self._divergence
+        velocity, pressure = self.state.velocity, self.state.pressure
+        with self._timings.measure("project_pressure"):
+            if self.solids:
+                self.solids.apply(velocity)
+                measure_fluid_divergence(launcher, velocity, self.solids, divergence)
                 status = self._pressure_solver.solve(divergence, pressure)
                 subtract_fluid_gradient(launcher, pressure, sides, self.solids, velocity)
             else:
