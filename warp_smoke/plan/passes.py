@@ -118,8 +118,8 @@ class DomainPlan:
     advection: str
     pressure_solver: str
     pressure_tolerance: float
-    grids: tuple[str, ...]
     diffusion_solver: str
+    grids: tuple[str, ...]
 
 
 class SmokeShadowPlan(NamedTuple):
