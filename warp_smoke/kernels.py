@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-from warp_smoke.plan import Plan
+from warp_smoke.plan import LightPlan, Plan
 
 # What several pressure solvers share; `open_faces` of a box without colliders is among the colliders' kernels.
 _ITERATIVE = ("fluid.colliders", "fluid.pressure.components", "fluid.pressure.iterative")
@@ -64,10 +64,19 @@ def kernel_modules(plan: Plan) -> list[str]:
         for light in receiver.lights:
             if light.surface_shadow:
                 found.add(_SURFACE_SHADOW[light.surface_shadow])
-            found.update(_SMOKE_SHADOW.get(each.method, "shadow.smoke") for each in light.smoke)
-            if light.light.smoke_diffusion and any(each.method != "ray_traced" for each in light.smoke):
-                found.add("shadow.diffusion")
+            found.update(_smoke_modules(light))
+    for volume in plan.volumes:
+        found.add("shading.volume")
+        for light in volume.lights:
+            found.update(_smoke_modules(light))
     names = [f"warp_smoke.{name}" for name in sorted(found)]
     for name in names:
         import_module(name)
     return names
+
+
+def _smoke_modules(light: LightPlan) -> set[str]:
+    found = {_SMOKE_SHADOW.get(each.method, "shadow.smoke") for each in light.smoke}
+    if light.light.smoke_diffusion and any(each.method != "ray_traced" for each in light.smoke):
+        found.add("shadow.diffusion")
+    return found

@@ -8,10 +8,11 @@ import warp as wp
 
 from warp_smoke.launch import Launcher
 from warp_smoke.plan import LightPlan, Plan, ReceiverPlan, When
-from warp_smoke.plan.passes import buffer_layers
-from warp_smoke.plan.reach import swept_corners
+from warp_smoke.plan.passes import VolumePlan, buffer_layers
+from warp_smoke.plan.reach import box_corners, swept_corners
 from warp_smoke.scene import Light
 from warp_smoke.shading.bake import ReceiverBake
+from warp_smoke.shading.volume import VolumeLight
 from warp_smoke.shadow.casters import Casters
 from warp_smoke.shadow.methods import SMOKE_SHADOWS, SURFACE_SHADOWS
 from warp_smoke.timing import Timings
@@ -21,7 +22,7 @@ class Lighting:
     """Brings shadows and pictures to a frame, each as often as the plan says.
 
     Attributes:
-        origin: world position of set space's origin, near the middle of the receivers, [3] float64.
+        origin: world position of set space's origin, near the middle of what is lit, [3] float64.
         warnings: what could not be baked as asked.
     """
 
@@ -29,16 +30,18 @@ class Lighting:
         self._launcher, self._plan, self._timings = launcher, plan, timings
         self.warnings: list[str] = []
         self._baked = False
-        if not plan.receivers:
-            return
-        corners = {each.surface.path: swept_corners(each.surface, plan.scene.frames) for each in plan.receivers}
-        everything = np.concatenate(list(corners.values()))
-        self.origin = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
-
-        self._maps = {}
-        shadowed: dict[str, list[np.ndarray]] = {}
+        self._maps, self._bakes, self._volumes = {}, {}, {}
         # One hierarchy of triangles for all lights that the same surfaces shadow.
         self._casters: dict[tuple[str, ...] | None, Casters] = {}
+        lit = (*plan.receivers, *plan.volumes)
+        if not lit:
+            return
+        corners = {each.surface.path: swept_corners(each.surface, plan.scene.frames) for each in plan.receivers}
+        boxes = [box_corners(each.domain.lattice) for each in plan.volumes]
+        everything = np.concatenate([*corners.values(), *boxes])
+        self.origin = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
+
+        shadowed: dict[str, list[np.ndarray]] = {}
         for each in plan.receivers:
             for light in each.lights:
                 if light.surface_shadow:
@@ -50,9 +53,10 @@ class Lighting:
                 casters = self._casters_of(each.light)
                 make, camera = SURFACE_SHADOWS[each.surface_shadow], plan.scene.camera
                 self._maps[path] = make(launcher, each.light, casters, bounds, camera)
-        self._smoke = self._smoke_shadows([light for receiver in plan.receivers for light in receiver.lights])
+        self._smoke = self._smoke_shadows([light for each in lit for light in each.lights])
 
         self._bakes = {each.surface.path: self._bake(each) for each in plan.receivers}
+        self._volumes = {each.domain.domain.path: self._volume(each) for each in plan.volumes}
         self.warnings += [warning for bake in self._bakes.values() for warning in bake.warnings]
 
     def _casters_of(self, light: Light) -> Casters:
@@ -61,17 +65,35 @@ class Lighting:
             self._casters[light.shadowed_by] = Casters(self._launcher, surfaces, self.origin)
         return self._casters[light.shadowed_by]
 
-    def _smoke_shadows(self, lights: list[LightPlan]) -> dict[tuple[str, str], object]:
+    def _smoke_shadows(self, lights: list[LightPlan]) -> dict[tuple[str, str, str], object]:
         """One for each pair of a light and a domain, whichever receivers share it."""
         layers, made = buffer_layers(lights), {}
         for each in lights:
             for domain, method, _ in each.smoke:
-                key = (each.light.path, domain.domain.path)
+                key = (each.light.path, domain.domain.path, method)
                 if key not in made:
                     light = replace(each.light, smoke_shadow=method, smoke_shadow_layer=layers[key])
                     args = (domain.lattice, light, self.origin, domain.domain.extinction)
                     made[key] = SMOKE_SHADOWS[method](self._launcher, *args, domain.domain.extinction_color)
         return made
+
+    def _volume(self, each: VolumePlan) -> VolumeLight:
+        lights = [(light.light, 3 if _is_colored(light) else 1) for light in each.lights]
+        albedo, ambient = each.domain.domain.albedo, self._plan.scene.ambient
+        return VolumeLight(self._launcher, each.domain.lattice, lights, self.origin, albedo, ambient)
+
+    def light_volumes(self, time: float, densities: Mapping[str, wp.array]) -> dict[str, np.ndarray]:
+        """The light that smoke scatters, [nx, ny, nz, 3] by path of domain, with the shadows of the last update."""
+        found = {}
+        for each in self._plan.volumes:
+            path, smoke = each.domain.domain.path, {light.light.path: light for light in each.lights}
+
+            def look_through(light: Light, points: wp.array, shares: wp.array, smoke: dict = smoke) -> None:
+                self._look_through_smoke(smoke[light.path], points, shares)
+
+            with self._timings.measure("light_volume"):
+                found[path] = self._volumes[path].update(densities[path].numpy(), time, look_through)
+        return found
 
     def _bake(self, each: ReceiverPlan) -> ReceiverBake:
         return ReceiverBake(
@@ -98,7 +120,7 @@ class Lighting:
             Pixels of the pictures that changed, by receiver path and bake; float32 values at points where the
             receiver's texture coordinates hold no picture.
         """
-        if not self._plan.receivers:
+        if not self._plan.receivers and not self._plan.volumes:
             return {}
         if self._casters:
             with self._timings.measure("place_casters"):
@@ -108,7 +130,7 @@ class Lighting:
                 for shadow in self._maps.values():
                     shadow.update(time)
         with self._timings.measure("project_smoke"):
-            for (_, domain), shadow in self._smoke.items():
+            for (_, domain, _), shadow in self._smoke.items():
                 shadow.update(densities[domain], time)
         pictures = {}
         for each in self._plan.receivers:
@@ -130,20 +152,19 @@ class Lighting:
                     self._maps[light.light.path].visibility(bake.map.points, bake.map.normals, out)
             if light.smoke:
                 with self._timings.measure("smoke_transmittance"):
-                    self._look_through_smoke(light, bake)
+                    shares = bake.transmittance[light.light.path]
+                    shares.fill_(1.0)
+                    self._look_through_smoke(light, bake.map.points, shares)
         with self._timings.measure("bake"):
             return {(each.surface.path, name): bake.picture(name) for name in due}
 
-    def _look_through_smoke(self, each: LightPlan, bake: ReceiverBake) -> None:
-        share = bake.transmittance[each.light.path]
-        share.fill_(1.0)
+    def _look_through_smoke(self, each: LightPlan, points: wp.array, shares: wp.array) -> None:
         for smoke in each.smoke:
-            self._smoke[each.light.path, smoke.domain.domain.path].transmittance(bake.map.points, share)
+            shadow = self._smoke[each.light.path, smoke.domain.domain.path, smoke.method]
+            shadow.transmittance(points, shares)
 
     def depth_pictures(self) -> dict[str, np.ndarray]:
         """The depth maps by path of light, uint8: a cross of six faces for a point light."""
-        if not self._plan.receivers:
-            return {}
         return {path: shadow.depth_picture() for path, shadow in self._maps.items() if hasattr(shadow, "depth_picture")}
 
 

@@ -145,7 +145,8 @@ class Output:
 
 
 def _write_smoke(path: Path, each: DomainPlan, smoke: Smoke) -> int:
-    return write_volume(path, each.domain, each.lattice, smoke.density, smoke.temperature, smoke.velocity)
+    fields = (smoke.density, smoke.temperature, smoke.velocity, smoke.light)
+    return write_volume(path, each.domain, each.lattice, *fields)
 
 
 def _file_stems(paths: list[str]) -> dict[str, str]:

@@ -28,11 +28,13 @@ class Smoke(Record):
         density: [nx, ny, nz] float32 at cell centres.
         temperature: likewise, or None where it is not exported.
         velocity: [nx, ny, nz, 3] float32 at cell centres, along the lattice's axes [m/s], or None likewise.
+        light: what the smoke scatters, linear RGB, [nx, ny, nz, 3] float32, or None likewise.
     """
 
     density: np.ndarray | None
     temperature: np.ndarray | None
     velocity: np.ndarray | None
+    light: np.ndarray | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,11 +132,12 @@ class Simulation:
         self.frame = number
         densities = {path: solver.state.density for path, solver in self._solvers.items()}
         pictures = self._lighting.update(number, densities)
+        lit = self._lighting.light_volumes(number, densities)
         with self.timings.measure("read_fields"):
-            smoke = {each.domain.path: self._smoke(each) for each in self.plan.domains}
+            smoke = {each.domain.path: self._smoke(each, lit.get(each.domain.path)) for each in self.plan.domains}
         return Frame(number, smoke, pictures, steps)
 
-    def _smoke(self, each: DomainPlan) -> Smoke:
+    def _smoke(self, each: DomainPlan, light: np.ndarray | None) -> Smoke:
         state = self._solvers[each.domain.path].state
         density = temperature = velocity = None
         if "density" in each.grids:
@@ -148,4 +151,4 @@ class Simulation:
                 centres = np.moveaxis(velocity[..., axis], axis, 0)
                 np.add(faces[1:], faces[:-1], out=centres)
             velocity *= 0.5
-        return Smoke(density, temperature, velocity)
+        return Smoke(density, temperature, velocity, light)

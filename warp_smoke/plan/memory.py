@@ -3,7 +3,7 @@
 from PIL import Image
 
 from warp_smoke.material import TEXTURES, Material
-from warp_smoke.plan.passes import DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan
+from warp_smoke.plan.passes import DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan, VolumePlan
 from warp_smoke.record import Samples
 from warp_smoke.shadow.light_buffer import fit_shear, light_in_cells
 from warp_smoke.shadow.projective import SCATTER_PARTS
@@ -24,13 +24,16 @@ _DIFFUSION = {"spectral": 0, "jacobi": 2}
 _ADVECTION = {"semi_lagrangian": 7.0, "maccormack": 16.0}
 
 
-def memory_estimate(domains: tuple[DomainPlan, ...], receivers: tuple[ReceiverPlan, ...]) -> dict[str, int]:
+def memory_estimate(
+    domains: tuple[DomainPlan, ...], receivers: tuple[ReceiverPlan, ...], volumes: tuple[VolumePlan, ...] = ()
+) -> dict[str, int]:
     """Device memory by prim path: of a domain's solver, a receiver's bake and a light's maps and buffers [bytes]."""
     estimate = {each.domain.path: _domain_bytes(each) for each in domains}
     maps: dict[str, dict[str, int]] = {}
     for receiver in receivers:
         estimate[receiver.surface.path] = _receiver_bytes(receiver)
-        for each in receiver.lights:
+    for lit in (*receivers, *volumes):
+        for each in lit.lights:
             known = maps.setdefault(each.light.path, {})
             for name, size in _light_bytes(each).items():
                 known[name] = max(size, known.get(name, 0))

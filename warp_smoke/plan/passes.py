@@ -30,6 +30,7 @@ PASS_NAMES = (
     "shade_light",
     "project_smoke",
     "smoke_transmittance",
+    "light_volume",
     "bake",
 )
 
@@ -161,12 +162,20 @@ class ReceiverPlan:
     lights: tuple[LightPlan, ...]
 
 
-def buffer_layers(lights: Iterable[LightPlan]) -> dict[tuple[str, str], int | None]:
-    """Slices in each layer of the light buffers, by path of light and of domain: what all receivers can share."""
-    layers: dict[tuple[str, str], int | None] = {}
+@dataclass(frozen=True)
+class VolumePlan:
+    """The light inside one domain's smoke, and the lights that reach it."""
+
+    domain: DomainPlan
+    lights: tuple[LightPlan, ...]
+
+
+def buffer_layers(lights: Iterable[LightPlan]) -> dict[tuple[str, str, str], int | None]:
+    """Slices in each layer of the light buffers, by path of light and of domain and method: what all can share."""
+    layers: dict[tuple[str, str, str], int | None] = {}
     for light in lights:
         for each in light.smoke:
-            key = (light.light.path, each.domain.domain.path)
+            key = (light.light.path, each.domain.domain.path, each.method)
             layers[key] = min(filter(None, (layers.get(key), each.layer)), default=None)
     return layers
 
@@ -178,7 +187,7 @@ class Plan:
     Attributes:
         passes: in the order in which they run.
         left_out: what is not run.
-        domains, receivers: the same, as the executor reads it.
+        domains, receivers, volumes: the same, as the executor reads it.
         bytes: estimate of device memory by prim path [bytes].
     """
 
@@ -187,6 +196,7 @@ class Plan:
     left_out: tuple[LeftOut, ...]
     domains: tuple[DomainPlan, ...]
     receivers: tuple[ReceiverPlan, ...]
+    volumes: tuple[VolumePlan, ...]
     bytes: dict[str, int]
 
     @property

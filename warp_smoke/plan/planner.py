@@ -6,6 +6,7 @@ from warp_smoke.plan.fluid import plan_domain
 from warp_smoke.plan.memory import memory_estimate
 from warp_smoke.plan.passes import Ledger, Plan
 from warp_smoke.plan.shading import plan_receivers
+from warp_smoke.plan.volumes import plan_volumes
 from warp_smoke.scene import Scene
 
 
@@ -22,5 +23,7 @@ def make_plan(scene: Scene | str | Path) -> Plan:
         ledger.omit("simulate", (), "the stage has no smoke domain")
     domains = tuple(plan for domain in scene.domains if (plan := plan_domain(ledger, scene, domain)))
     receivers = plan_receivers(ledger, scene, domains)
-    estimate = memory_estimate(domains, receivers)
-    return Plan(scene, ledger.in_order(), tuple(ledger.left_out.values()), domains, receivers, estimate)
+    volumes = plan_volumes(ledger, scene, domains)
+    estimate = memory_estimate(domains, receivers, volumes)
+    left_out = tuple(ledger.left_out.values())
+    return Plan(scene, ledger.in_order(), left_out, domains, receivers, volumes, estimate)

@@ -21,6 +21,11 @@ def swept_corners(prim: Prim, frames: range) -> np.ndarray:
     return np.concatenate([transform_points(matrix, corners) for matrix in _transforms(prim, frames)])
 
 
+def box_corners(lattice: Lattice) -> np.ndarray:
+    """World corners of a lattice's box, [8, 3]."""
+    return transform_points(lattice.cells_to_world(), _CORNERS * lattice.shape)
+
+
 def is_moving(*prims: Prim) -> bool:
     """Whether any of the prims changes place or shape."""
     return any(prim.moves or (hasattr(prim, "mesh") and prim.mesh.deforms) for prim in prims)

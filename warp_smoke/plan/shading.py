@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from warp_smoke.lattice import Lattice
 from warp_smoke.plan.passes import DomainPlan, Ledger, LightPlan, ReceiverPlan, SmokeShadowPlan, When
-from warp_smoke.plan.reach import in_box, in_range, is_flat, is_moving, may_shadow, over, swept_corners
+from warp_smoke.plan.reach import box_corners, in_box, in_range, is_flat, is_moving, may_shadow, over, swept_corners
 from warp_smoke.record import Samples
 from warp_smoke.scene import DistantLight, Light, Scene, SpotLight, Surface
 from warp_smoke.shadow.coverage import FACE_NAMES, WIDEST_CONE, cube_rectangles
@@ -167,7 +166,7 @@ class _Receiver:
             elif not light.may_be_shadowed_by(each.domain.path):
                 why = f"the shadowLink of {light.path} leaves the smoke out"
                 self.ledger.omit("project_smoke", (each.domain.path, *pair), why)
-            elif not may_shadow(light, _box_corners(each.lattice), self.corners, self.scene.frames):
+            elif not may_shadow(light, box_corners(each.lattice), self.corners, self.scene.frames):
                 why = "its smoke never stands between the light and the surface"
                 self.ledger.omit("project_smoke", (each.domain.path, *pair), why)
             else:
@@ -203,10 +202,3 @@ def _on_faces(boxes: np.ndarray, position: np.ndarray) -> np.ndarray:
     """Whether each box lies in the frustum of each cube face, [n, 6]."""
     left, right, top, bottom = np.moveaxis(cube_rectangles(boxes, position), -1, 0)
     return (left <= 1.0) & (right >= -1.0) & (top <= 1.0) & (bottom >= -1.0) & (left <= right)
-
-
-def _box_corners(lattice: Lattice) -> np.ndarray:
-    """World corners of a lattice's box, [8, 3]."""
-    cells = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * lattice.shape
-    matrix = lattice.cells_to_world()
-    return cells @ matrix[:3, :3] + matrix[3, :3]

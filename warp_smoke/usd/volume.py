@@ -15,7 +15,7 @@ from warp_smoke.usd.prims import check_frames, editable, free_path, set_over_tim
 from warp_smoke.vdb import Grid, write_vdb
 
 # Names that Blender, Houdini and Karma know.
-GRID_NAMES = {"density": "density", "temperature": "temperature", "velocity": "vel"}
+GRID_NAMES = {"density": "density", "temperature": "temperature", "velocity": "vel", "light": "light"}
 # On a volume: the domain whose smoke it holds, for what no volume says itself, such as the extinction.
 DOMAIN_RELATIONSHIP = "smokeVolume:domain"
 # Voxels that dim light by less than this are left out: along 100 of them that makes 0.0001.
@@ -33,7 +33,7 @@ class VolumeResult(Record):
     Attributes:
         domain: whose smoke it is.
         lattice: where its voxels lie.
-        grids: fields in the files: density, temperature, velocity.
+        grids: fields in the files: density, temperature, velocity, light.
         files: path of each frame's `.vdb`, relative to the results layer (`./volumes/…`); frames without gaps, since
             DCCs number them through.
     """
@@ -56,6 +56,7 @@ def write_volume(
     density: np.ndarray | None,
     temperature: np.ndarray | None,
     velocity: np.ndarray | None,
+    light: np.ndarray | None = None,
     threads: int = 1,
 ) -> int:
     """Writes one frame's smoke to a `.vdb` file, whole or not at all.
@@ -70,6 +71,7 @@ def write_volume(
         density: [nx, ny, nz] float32 at cell centres, or None to leave it out.
         temperature: likewise.
         velocity: [nx, ny, nz, 3] float32 at cell centres, along the lattice's axes [m/s], or None.
+        light: [nx, ny, nz, 3] float32 at cell centres, linear RGB, black where there is no smoke, or None.
         threads: threads that compress.
 
     Returns:
@@ -93,6 +95,8 @@ def write_volume(
         scaled = velocity * np.float32(domain.time_scale / lattice.meters_per_unit)
         kind = {"grid_class": "unknown", "vector_type": "contravariant relative"}
         grids.append(Grid(GRID_NAMES["velocity"], scaled, active=near, **kind, **place))
+    if light is not None:
+        grids.append(Grid(GRID_NAMES["light"], light, grid_class="unknown", **place))
     return write_vdb(path, grids, threads=threads)
 
 
@@ -147,6 +151,9 @@ def _define_field(volume: UsdVol.Volume, token: str, files: Mapping[int, str]) -
     if token == "velocity":
         field.CreateFieldDataTypeAttr("half3")
         field.CreateVectorDataRoleHintAttr("Vector")
+    elif token == "light":
+        field.CreateFieldDataTypeAttr("half3")
+        field.CreateVectorDataRoleHintAttr("Color")
     else:
         field.CreateFieldDataTypeAttr("half")
         field.CreateFieldClassAttr("fogVolume")

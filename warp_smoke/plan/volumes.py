@@ -1,0 +1,50 @@
+"""Which lights and shadows the light inside the smoke calls for: the grid `light` of a domain's volume files."""
+
+import numpy as np
+
+from warp_smoke.plan.passes import DomainPlan, Ledger, LightPlan, SmokeShadowPlan, VolumePlan, When
+from warp_smoke.plan.reach import box_corners, in_range, may_shadow, over
+from warp_smoke.plan.shading import DEFAULT_LAYER
+from warp_smoke.scene import Light, Scene
+from warp_smoke.shadow.light_buffer import buffer_serves
+
+
+def plan_volumes(ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...]) -> tuple[VolumePlan, ...]:
+    """Plans the light grids of all domains that ask for one."""
+    return tuple(_plan_volume(ledger, scene, each, domains) for each in domains if "light" in each.grids)
+
+
+def _plan_volume(ledger: Ledger, scene: Scene, each: DomainPlan, domains: tuple[DomainPlan, ...]) -> VolumePlan:
+    path, corners = each.domain.path, box_corners(each.lattice)
+    lights = []
+    for light in scene.lights:
+        pair = (path, light.path)
+        if not light.shines or not np.any(over(light.enabled, scene.frames)):
+            ledger.omit("light_volume", pair, "it is off or black at every frame")
+        elif not in_range(light, corners, scene.frames):
+            ledger.omit("light_volume", pair, f"{path} lies beyond its falloffEnd")
+        else:
+            lights.append(LightPlan(light, None, _smoke(ledger, scene, light, each, domains), When.FRAME))
+    ledger.keep("light_volume", (path,), When.FRAME, "light grid", "light is among the exported grids")
+    return VolumePlan(each, tuple(lights))
+
+
+def _smoke(
+    ledger: Ledger, scene: Scene, light: Light, lit: DomainPlan, domains: tuple[DomainPlan, ...]
+) -> tuple[SmokeShadowPlan, ...]:
+    """The domains whose smoke may stand between a light and one domain, which shadows itself too."""
+    found = []
+    for each in domains if light.shadow_enable else ():
+        corners = box_corners(each.lattice)
+        if not each.domain.dims_light or not may_shadow(light, corners, box_corners(lit.lattice), scene.frames):
+            continue
+        # The paper's buffer knows no depth, so it cannot tell how much smoke is before a cell.
+        method = "march" if light.smoke_shadow == "dpd" else light.smoke_shadow
+        if method != "ray_traced" and not buffer_serves(light, each.lattice, scene.frames):
+            method = "ray_traced"
+        if method != "ray_traced":
+            why = f"smoke in {each.domain.path} stands between the light and smoke"
+            pair = (light.path, each.domain.path)
+            ledger.keep("project_smoke", pair, When.FRAME, "light buffer", why, method)
+        found.append(SmokeShadowPlan(each, method, light.smoke_shadow_layer or DEFAULT_LAYER))
+    return tuple(found)
