@@ -8,7 +8,7 @@ from importlib.metadata import version
 
 from warp_smoke.geometry import Mesh, Points
 from warp_smoke.plan import Plan, make_plan
-from warp_smoke.preview import preview
+from warp_smoke.preview import live_preview, preview
 from warp_smoke.record import Samples
 from warp_smoke.run import run
 from warp_smoke.scene import (
@@ -51,6 +51,7 @@ __all__ = [
     "SpotLight",
     "Surface",
     "Texture",
+    "live_preview",
     "make_plan",
     "preview",
     "run",

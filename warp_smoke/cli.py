@@ -6,12 +6,15 @@ import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 from time import monotonic
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, CycloptsError, Parameter
 from rich.console import Console
 
 import warp_smoke
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 app = App(
     name="warp-smoke",
@@ -38,6 +41,7 @@ def run(
     bake_all: bool = False,
     device: str = "cpu",
     threads: int | None = None,
+    watch: Annotated[bool, Parameter(name="--preview")] = False,
     as_json: Annotated[bool, Parameter(name="--json")] = False,
 ):
     """Simulate, shadow, bake and write: STAGE in, a finished stage over it in the output folder.
@@ -58,14 +62,14 @@ def run(
         cpu, cuda or cuda:N.
     threads
         CPU threads; all unless given.
+    watch
+        Show frames in a window as they are made, as many as slow the run by a tenth at most; then all of them.
     as_json
         Print the report as JSON.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
-
     scene = _open(stage, frames, resolution, bake_all)
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    bar = Progress(*columns, TimeRemainingColumn(), console=_err, transient=True, disable=not _err.is_terminal)
+    live = warp_smoke.live_preview(scene) if watch else None
+    bar = _progress_bar()
     task = bar.add_task("Loading kernels (compiled on first use)", total=len(scene.frames))
     said = monotonic()
 
@@ -75,9 +79,13 @@ def run(
         if bar.disable and monotonic() - said > _SECONDS_BETWEEN_LINES:
             said = monotonic()
             _err.print(f"frame {frame.number} of {scene.end}", highlight=False)
+        if live:
+            live(frame)
 
     with bar:
         result = warp_smoke.run(scene, output, device=device, threads=threads, on_frame=show)
+    if live:
+        live.close()
     if as_json:
         print(json.dumps(result.report, indent=2))
         return
@@ -86,6 +94,8 @@ def run(
 
     _out.print(summary(result.report), highlight=False)
     _out.print(f"Wrote {result.stage}", soft_wrap=True, highlight=False)
+    if live:
+        warp_smoke.preview(result)
 
 
 @app.command
@@ -138,8 +148,17 @@ def plan(
 
 
 @app.command
-def preview(path: Path, *, frame: int | None = None, screenshot: Path | None = None, size: str = "1280x720"):
-    """Look at a stage, or at the results in a folder, in a window or as a picture.
+def preview(
+    path: Path,
+    *,
+    frame: int | None = None,
+    screenshot: Path | None = None,
+    movie: Path | None = None,
+    html: Path | None = None,
+    show: str | None = None,
+    size: str = "1280x720",
+):
+    """Look at a stage, or at the results in a folder: in a window (press h there), a picture, a movie or a web page.
 
     Parameters
     ----------
@@ -149,15 +168,32 @@ def preview(path: Path, *, frame: int | None = None, screenshot: Path | None = N
         Frame to start with; the middle one unless given.
     screenshot
         Save a picture here instead of opening a window.
+    movie
+        Save all frames as a movie here instead: .mp4 (needs ffmpeg) or .gif.
+    html
+        Save all frames here instead, as pictures in one web page that plays them in any browser.
+    show
+        density, temperature or speed: a cut through the smoke by colour, with a bar, instead of its look.
     size
         Width and height in pixels.
     """
     width, _, height = size.partition("x")
     if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 8192 and 0 < int(height) <= 8192):
         raise ValueError(f"--size is {size}; allowed: WIDTHxHEIGHT, 1 to 8192 pixels each")
-    warp_smoke.preview(path, frame=frame, screenshot=screenshot, size=(int(width), int(height)))
-    if screenshot:
-        _out.print(f"Wrote {screenshot}", soft_wrap=True, highlight=False)
+    with _progress_bar() as bar:
+        task = bar.add_task("Drawing", total=None, visible=bool(movie or html))
+        warp_smoke.preview(
+            path,
+            frame=frame,
+            screenshot=screenshot,
+            size=(int(width), int(height)),
+            movie=movie,
+            html=html,
+            quantity=show,
+            on_frame=lambda number, last: bar.update(task, advance=1, total=last, description=f"Frame {number}"),
+        )
+    for file in filter(None, (screenshot, movie, html)):
+        _out.print(f"Wrote {file}", soft_wrap=True, highlight=False)
 
 
 @app.command
@@ -200,6 +236,14 @@ def info(*, as_json: Annotated[bool, Parameter(name="--json")] = False):
         return
     for name, value in facts.items():
         _out.print(f"{name:14} {value}", soft_wrap=True, highlight=False)
+
+
+def _progress_bar() -> "Progress":
+    """A line on the terminal that tells how far a command is; nothing where there is no terminal."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    return Progress(*columns, TimeRemainingColumn(), console=_err, transient=True, disable=not _err.is_terminal)
 
 
 def _open(stage: Path, frames: str | None, resolution: int | None, bake_all: bool) -> "warp_smoke.Scene":

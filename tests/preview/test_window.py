@@ -5,9 +5,11 @@ import shutil
 import numpy as np
 import pytest
 
+import warp_smoke as ws
 from warp_smoke.preview.stage import PreviewStage
 from warp_smoke.preview.view import StageView
 from warp_smoke.preview.window import Window
+from warp_smoke.usd.author import author_scene
 
 SIZE = (160, 120)
 
@@ -55,4 +57,127 @@ def test_damaged_frame_is_said_in_the_window(results, tmp_path, window_of):
     window.seek(3)
     _seen(window, view)
     np.testing.assert_array_equal(view.picture(), whole)
+    window.close()
+
+
+def test_space_plays_at_the_stages_rate(results, window_of):
+    """Playing goes from frame to frame by the clock, from the last to the first, until space is pressed again."""
+    window, view = window_of(results, 3)
+    now = [0.0]
+    window._clock = lambda: now[0]
+    window.press("space")
+    assert _seen(window, view) == [200] * 3  # no time has passed
+    for expected in (100, 200, 100):
+        now[0] += 1 / 24
+        assert _seen(window, view) == [expected] * 3
+    window.press("space")
+    now[0] += 1.0
+    assert _seen(window, view) == [100] * 3
+    window.close()
+
+
+def test_keys_step_and_stay_within_the_frames(results, window_of):
+    """Arrows, home and end move by frames; before the first and after the last there is none."""
+    window, view = window_of(results, 3)
+    for key, expected in (("Right", 100), ("Right", 100), ("Left", 200), ("Left", 200), ("End", 100), ("Home", 200)):
+        window.press(key)
+        assert _seen(window, view) == [expected] * 3
+    window.close()
+
+
+@pytest.mark.parametrize("key", ["s", "b", "c", "h"])
+def test_keys_switch_parts_of_the_picture(results, window_of, key):
+    """Smoke, baked light, camera and help: a key changes the picture, pressed again it is byte-equal."""
+    window, view = window_of(results, 4)
+    before = view.picture()
+    window.press(key)
+    assert np.abs(view.picture().astype(int) - before).max() > 10
+    window.press(key)
+    np.testing.assert_array_equal(view.picture(), before)
+    window.close()
+
+
+def test_own_look_or_plain(results, window_of):
+    """The floor without its baked light has its material, or a plain grey of twice the albedo and more."""
+    window, view = window_of(results, 3)
+    window.press("b")
+    own = view.picture()[100, 20].mean()
+    window.press("m")
+    plain = view.picture()[100, 20].mean()
+    assert 1.3 * own < plain < 255  # 0.18 and 0.5, seen through the sRGB curve
+    window.close()
+
+
+def test_a_quantity_is_shown_by_color_with_a_bar(results, window_of):
+    """A cut through the ball of density 1 shows the brightest colour in its middle, and a bar on the right."""
+    window, view = window_of(results, 4)
+    smoke = view.picture()
+    window.press("1")
+    _seen(window, view)
+    cut = view.picture().astype(int)
+    assert np.abs(cut[60, 80] - [253, 231, 37]).max() <= 3  # viridis at its end
+    assert np.abs(cut - smoke)[20:100, 140:].max() > 50
+    window.press("0")
+    _seen(window, view)
+    np.testing.assert_array_equal(view.picture(), smoke)
+    window.close()
+
+
+def test_a_quantity_that_is_not_there_is_said(results, window_of):
+    """Without a grid of temperature the window says so and shows what it showed."""
+    window, view = window_of(results, 4)
+    smoke = view.picture()
+    window.press("2")
+    _seen(window, view)
+    changed = np.abs(view.picture().astype(int) - smoke).max(axis=2) > 10
+    assert changed[:40].any()
+    assert not changed[40:].any()
+    window.close()
+
+
+def test_exposure_doubles_the_light(results, window_of):
+    """One stop takes the baked grey 100 to what twice its light is in sRGB; none takes it back."""
+    window, view = window_of(results, 4)
+    before = view.picture()
+    window.set_exposure(1.0)
+    linear = ((100 / 255 + 0.055) / 1.055) ** 2.4
+    doubled = 255 * (1.055 * (2 * linear) ** (1 / 2.4) - 0.055)
+    assert view.picture()[100, 20].tolist() == [round(doubled)] * 3
+    window.set_exposure(0.0)
+    np.testing.assert_array_equal(view.picture(), before)
+    window.close()
+
+
+def test_density_slider_scales_the_extinction(results, window_of):
+    """One doubling draws the smoke of twice the extinction; none draws what was there, byte for byte."""
+    window, view = window_of(results, 4)
+    stage = PreviewStage(results)
+    (once,), (twice,) = stage.load(4).smoke, stage.load(4, thickness=2.0).smoke
+    assert twice.extinction == 2 * once.extinction
+    before = view.picture()
+    window.set_thickness(1.0)
+    _seen(window, view)
+    thick = view.picture()
+    view.show(stage.load(4, thickness=2.0))
+    np.testing.assert_array_equal(view.picture(), thick)
+    assert not np.array_equal(thick, before)
+    window.set_thickness(0.0)
+    _seen(window, view)
+    np.testing.assert_array_equal(view.picture(), before)
+    window.close()
+
+
+def test_marks_can_be_hidden(tmp_path, window_of):
+    """Before a run the domain's box is drawn in blue wires; l takes them away and brings them back."""
+    author_scene(ws.Scene(domains=[ws.SmokeDomain(path="/World/Box")]), tmp_path / "mine.usda")
+    window, view = window_of(tmp_path / "mine.usda", 1)
+
+    def blue():
+        return np.count_nonzero(view.picture().astype(int) @ [1, 0, -1] < -20)
+
+    assert blue() > 100
+    window.press("l")
+    assert blue() == 0
+    window.press("l")
+    assert blue() > 100
     window.close()

@@ -1,14 +1,19 @@
-"""A look at a stage: the window, and pictures of it; the only part of the package that imports pyvista."""
+"""A look at a stage: the window, and pictures, movies and pages of it; the only part that imports pyvista."""
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from PIL import Image
 
 if TYPE_CHECKING:
     from warp_smoke.output import Result
+    from warp_smoke.preview.live import LivePreview
+    from warp_smoke.preview.stage import PreviewStage
+    from warp_smoke.scene import Scene
 
-__all__ = ["preview"]
+__all__ = ["live_preview", "preview"]
 
 # Voxels between samples in the window and in pictures: two look like one, and on a CPU take two thirds of the time.
 STEP, STEP_STILL = 2.0, 1.0
@@ -21,21 +26,35 @@ def preview(
     frame: int | None = None,
     screenshot: str | Path | None = None,
     size: tuple[int, int] = (1280, 720),
+    *,
+    movie: str | Path | None = None,
+    html: str | Path | None = None,
+    quantity: str | None = None,
+    on_frame: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Shows a stage in a window, or saves a picture of it; everything is read from its files.
+    """Shows a stage in a window, or saves pictures of it; everything is read from its files.
+
+    In a Jupyter notebook the picture appears below the cell instead of in a window.
 
     Args:
         shown: a USD stage, a folder that a run wrote, or what `run` returned.
-        frame: shown first; the middle one unless given.
+        frame: shown first, or in the picture; the middle one unless given.
         screenshot: the picture's file; then no window is opened and no display is needed.
         size: width and height [pixels].
+        movie: file of a movie of all frames, .mp4 or .gif; no window either.
+        html: file of a web page with pictures of all frames; no window either.
+        quantity: density, temperature or speed, to show in a cut through the smoke in pictures.
+        on_frame: called for each frame of a movie or page once it is drawn, with its number and how many there are.
 
     Raises:
         ValueError: bad input, or no display to open a window on.
         OSError: a file cannot be read or written.
-        ImportError: a library of the system is missing.
+        ImportError: a library or program of the system is missing.
     """
     from warp_smoke.preview import opengl
+    from warp_smoke.preview.movie import check_movie, write_movie
+    from warp_smoke.preview.page import write_page
+    from warp_smoke.preview.slices import QUANTITIES
     from warp_smoke.preview.stage import PreviewStage
     from warp_smoke.preview.view import StageView
     from warp_smoke.preview.window import Window
@@ -47,13 +66,78 @@ def preview(
         frame = frames[len(frames) // 2]
     if frame not in frames:
         raise ValueError(f"{path}: frame is {frame}; allowed: {frames[0]} to {frames[-1]}")
-    if screenshot is None:
+    if quantity is not None and quantity not in QUANTITIES:
+        raise ValueError(f"quantity is {quantity}; allowed: {', '.join(QUANTITIES)}")
+    if movie is not None:
+        check_movie(Path(movie))
+    rate = stage.scene.time_codes_per_second
+    if movie is not None or html is not None:
+        pictures = list(_draw(stage, frames, size, quantity, on_frame))
+        if movie is not None:
+            write_movie(Path(movie), pictures, rate)
+        if html is not None:
+            write_page(Path(html), pictures, frames, rate, Path(path).name)
+    notebook = screenshot is None and movie is None and html is None and _in_notebook()
+    if screenshot is not None or notebook:
+        (pixels,) = _draw(stage, [frame], size, quantity, None)
+        if notebook:
+            _display(pixels)
+        else:
+            Image.fromarray(pixels).save(screenshot)
+    elif movie is None and html is None:
         plotter = opengl.open_window(size)
-        Window(stage, StageView(stage, plotter, STEP), frame).run()
-        return
+        window = Window(stage, StageView(stage, plotter, STEP), frame)
+        if quantity is not None:
+            window.show_quantity(quantity)
+        window.run()
+
+
+def live_preview(scene: "Scene", size: tuple[int, int] = (640, 480)) -> "LivePreview":
+    """A window for `run(scene, on_frame=live_preview(scene))`; drawing adds at most a tenth to the run's time.
+
+    Raises:
+        ValueError: there is no display.
+        ImportError: a library of the system is missing.
+    """
+    from warp_smoke.preview import opengl
+    from warp_smoke.preview.live import LivePreview
+
+    return LivePreview(scene, opengl.open_window(size))
+
+
+def _draw(
+    stage: "PreviewStage",
+    frames: "range | list[int]",
+    size: tuple[int, int],
+    quantity: str | None,
+    on_frame: Callable[[int, int], None] | None,
+) -> Iterator[np.ndarray]:
+    """Pictures of some frames, [h, w, 3] uint8 each."""
+    from warp_smoke.preview import opengl
+    from warp_smoke.preview.view import StageView
+
     plotter = opengl.open_off_screen((SUPERSAMPLES * size[0], SUPERSAMPLES * size[1]))
-    view = StageView(stage, plotter, STEP_STILL)
-    view.show(stage.load(frame))
-    picture = view.picture()
-    plotter.close()
-    Image.fromarray(picture).resize(size, Image.Resampling.BOX).save(screenshot)
+    try:
+        view = StageView(stage, plotter, STEP_STILL)
+        for number in frames:
+            view.show(stage.load(number, quantity=quantity))
+            yield np.asarray(Image.fromarray(view.picture()).resize(size, Image.Resampling.BOX))
+            if on_frame:
+                on_frame(number, len(frames))
+    finally:
+        plotter.close()
+
+
+def _in_notebook() -> bool:
+    try:
+        from IPython import get_ipython
+    except ImportError:
+        return False
+    shell = get_ipython()
+    return shell is not None and hasattr(shell, "kernel")
+
+
+def _display(pixels: np.ndarray) -> None:
+    from IPython.display import display
+
+    display(Image.fromarray(pixels))

@@ -17,3 +17,12 @@ def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
     """Bytes of sRGB, uint8 of the same shape, from linear values; those outside [0, 1] are clipped."""
     root = np.sqrt(np.clip(linear, 0.0, 1.0))
     return _BYTES[np.rint(_STEPS * root).astype(np.int16)]
+
+
+def expose_codes(codes: np.ndarray, stops: float) -> np.ndarray:
+    """Bytes of sRGB with their light doubled for each stop; the same array for none."""
+    if stops == 0:
+        return codes
+    encoded = np.arange(256) / 255
+    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return linear_to_srgb(2.0**stops * linear)[codes]

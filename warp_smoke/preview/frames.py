@@ -34,6 +34,13 @@ class FrameLoader:
             self._futures.popitem(last=False)
         return future
 
+    def change(self, load: Callable[[int], Frame]) -> None:
+        """Forgets all frames: from here on they are read in another way."""
+        for future in self._futures.values():
+            future.cancel()
+        self._futures.clear()
+        self._load = load
+
     def wait(self, seconds: float) -> None:
         """Waits until all that was asked for is there, but not longer than this."""
         wait(self._futures.values(), timeout=seconds)

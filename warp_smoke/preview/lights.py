@@ -50,19 +50,19 @@ def beam_on(light: Light, center: np.ndarray, radius: float, time: float) -> Bea
     return Beam(direction, strength / np.polyval(_falloff(light)[::-1], max(distance, radius)))
 
 
-def set_lights(plotter: pv.Plotter, lights: Iterable[Light], time: float) -> None:
-    """Lights what a plotter draws, in linear light."""
+def set_lights(plotter: pv.Plotter, lights: Iterable[Light], time: float, exposure: float = 0.0) -> None:
+    """Lights what a plotter draws, in linear light; the exposure is in stops."""
     plotter.remove_all_lights()
     # Without any light at all VTK makes one itself, or adds a surface's diffuse colour to its ambient colour.
     dark = pv.Light(light_type="scene light")
     dark.SetDiffuseColor(0.0, 0.0, 0.0)
-    for light in (dark, *(_vtk_light(light, time) for light in lights)):
+    for light in (dark, *(_vtk_light(light, time, exposure) for light in lights)):
         plotter.add_light(light)
 
 
-def _vtk_light(light: Light, time: float) -> pv.Light:
+def _vtk_light(light: Light, time: float, exposure: float) -> pv.Light:
     """VTK's light of colour B, as `warp_smoke.shading.light_source` defines it."""
-    strength = np.asarray(light_source(light, np.zeros(3), time).strength)
+    strength = 2.0**exposure * np.asarray(light_source(light, np.zeros(3), time).strength)
     lamp = pv.Light(light_type="scene light")
     lamp.SetDiffuseColor(*strength)
     lamp.SetSpecularColor(0.0, 0.0, 0.0)

@@ -1,6 +1,6 @@
 """A stage as it is drawn, read from its files: the set, what was baked on it, and the smoke of each frame."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,9 +8,11 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdVol
 
 from warp_smoke.geometry import transform_points
+from warp_smoke.preview.camera import level_axes
 from warp_smoke.preview.lights import beam_on, lights_of
+from warp_smoke.preview.slices import QUANTITIES, Slice, cut_slice
 from warp_smoke.preview.smoke import SmokeVoxels, color_smoke, find_smoke
-from warp_smoke.scene import SmokeDomain
+from warp_smoke.scene import Light, SmokeDomain
 from warp_smoke.shading.textures import Picture
 from warp_smoke.usd.read import read_scene
 from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
@@ -27,12 +29,16 @@ class Frame:
         smoke: of each volume; None where there is none.
         pictures: baked light by the path of its surface, [h, w, 3] uint8 sRGB, top row first.
         colors: baked light by the path of its surface, linear RGB at each point, [n, 3].
+        slices: in place of smoke where a quantity is shown: a cut through each volume.
+        quantity: which one, of `QUANTITIES`.
     """
 
     number: int
     smoke: tuple[SmokeVoxels | None, ...]
     pictures: Mapping[str, np.ndarray]
     colors: Mapping[str, np.ndarray]
+    slices: tuple[Slice | None, ...] = ()
+    quantity: str | None = None
 
 
 class PreviewStage:
@@ -56,12 +62,15 @@ class PreviewStage:
         stage = self._stage = Usd.Stage.Open(str(file))
         self._domains = {domain.path: domain for domain in self.scene.domains}
         prims = stage.Traverse(Usd.TraverseInstanceProxies())
-        self._volumes = [UsdVol.Volume(prim) for prim in prims if prim.IsA(UsdVol.Volume) and _density_field(prim)]
+        self._volumes = [
+            UsdVol.Volume(prim) for prim in prims if prim.IsA(UsdVol.Volume) and _vdb_field(prim, "density")
+        ]
         self._pictures: dict[str, Usd.Attribute] = {}
         self._colors: dict[str, Usd.Attribute] = {}
         self._last_pictures: dict[str, tuple[str, np.ndarray]] = {}
         for surface in self.scene.surfaces:
-            light = _baked_light(stage.GetPrimAtPath(surface.path))
+            prim = stage.GetPrimAtPath(surface.path)
+            light = _baked_light(prim) if prim else None
             if light and light.GetTypeName() == Sdf.ValueTypeNames.Asset:
                 self._pictures[surface.path] = light
             elif light:
@@ -77,18 +86,24 @@ class PreviewStage:
         """Whether there is smoke or baked light on the stage."""
         return bool(self._volumes or self._pictures or self._colors)
 
-    def load(self, number: int) -> Frame:
+    def load(self, number: int, thickness: float = 1.0, quantity: str | None = None) -> Frame:
         """Reads the files of a frame.
 
+        Args:
+            number: the frame.
+            thickness: factor on the smoke's extinction.
+            quantity: one of `QUANTITIES`, to cut through the volumes and show it there instead of their smoke.
+
         Raises:
-            ValueError, OSError: a file is missing or damaged.
+            ValueError, OSError: a file is missing or damaged, or there is no such quantity in it.
         """
-        return Frame(
-            number,
-            tuple(self._load_smoke(volume, number) for volume in self._volumes),
-            {path: self._load_picture(path, _existing_file(light, number)) for path, light in self._pictures.items()},
-            {path: np.array(light.Get(number)) for path, light in self._colors.items()},
-        )
+        pictures = {path: self._load_picture(path, _existing_file(to, number)) for path, to in self._pictures.items()}
+        colors = {path: np.array(light.Get(number)) for path, light in self._colors.items()}
+        if quantity is None:
+            smoke = tuple(self._load_smoke(volume, number, thickness) for volume in self._volumes)
+            return Frame(number, smoke, pictures, colors)
+        slices = tuple(self._load_slice(volume, number, quantity) for volume in self._volumes)
+        return Frame(number, (None,) * len(slices), pictures, colors, slices, quantity)
 
     def _load_picture(self, path: str, file: str) -> np.ndarray:
         """[h, w, 3] uint8; the same array while the file stays the same, which is then not sent to VTK again."""
@@ -97,28 +112,24 @@ class PreviewStage:
             self._last_pictures[path] = file, np.broadcast_to(codes, (*codes.shape[:2], 3))
         return self._last_pictures[path][1]
 
-    def _load_smoke(self, volume: UsdVol.Volume, number: int) -> SmokeVoxels | None:
+    def _load_smoke(self, volume: UsdVol.Volume, number: int, thickness: float) -> SmokeVoxels | None:
         domain = self._domain_of(volume.GetPrim())
-        extinction = domain.extinction * self.scene.meters_per_unit / domain.density_scale
+        extinction = thickness * domain.extinction * self.scene.meters_per_unit / domain.density_scale
         if extinction == 0 or volume.ComputeVisibility(number) == UsdGeom.Tokens.invisible:
             return None
-        field = _density_field(volume.GetPrim())
-        file = _existing_file(field.GetFilePathAttr(), number)
-        name = field.GetFieldNameAttr().Get(number)
-        grids = read_vdb(file)
-        if name not in grids:
-            raise ValueError(f"{file}: has no grid {name!r}; its grids: {', '.join(grids)}")
-        grid = grids[name]
-        to_world = np.diag([*grid.voxel_size, 1.0])
-        to_world[3, :3] = np.asarray(grid.origin) * grid.voxel_size + grid.translation
-        found = find_smoke(grid.values, to_world @ np.array(volume.ComputeLocalToWorldTransform(number)))
-        if found is None:
-            return None
-        density, to_world = found
-        ends = transform_points(to_world, [np.zeros(3), density.shape])
-        center, radius = ends.mean(axis=0), float(np.linalg.norm(ends[1] - ends[0])) / 2
-        beams = [beam_on(light, center, radius, number) for light in self.lights]
-        return color_smoke(density, to_world, extinction, beams, self.ambient)
+        return light_smoke(*_read_grid(volume, "density", number), extinction, self.lights, self.ambient, number)
+
+    def _load_slice(self, volume: UsdVol.Volume, number: int, quantity: str) -> Slice | None:
+        """A cut through the middle of a volume's domain that faces the front."""
+        values, to_world = _read_grid(volume, QUANTITIES[quantity].field, number)
+        if quantity == "speed":
+            values = self.scene.meters_per_unit * np.linalg.norm(values, axis=3)
+        domain = self._domains.get(self._domain_of(volume.GetPrim()).path)
+        middle = None
+        if domain is not None:
+            middle = transform_points(domain.transform_at(number), np.add(domain.lower, domain.upper) / 2)
+        _, front = level_axes(self.scene.up)
+        return cut_slice(values, to_world, front, middle)
 
     def _domain_of(self, volume: Usd.Prim) -> SmokeDomain:
         """The domain whose smoke a volume holds; a default one for volumes of other makers."""
@@ -141,9 +152,57 @@ def find_stage(path: str | Path) -> Path:
     return path / f"{names[0]}.usda"
 
 
-def _density_field(volume: Usd.Prim) -> UsdVol.OpenVDBAsset | None:
-    """The field of a volume that is its density, if it comes from a `.vdb` file."""
-    target = UsdVol.Volume(volume).GetFieldPath("density")
+def light_smoke(
+    density: np.ndarray,
+    to_world: np.ndarray,
+    extinction: float,
+    lights: Iterable[Light],
+    ambient: np.ndarray,
+    time: float,
+) -> SmokeVoxels | None:
+    """The smoke of one volume as it is drawn at a time code; None if there is none.
+
+    Args:
+        density: [nx, ny, nz] float32.
+        to_world: index (i, j, k) of a voxel to the world position of its centre, 4 × 4 row-vector matrix.
+        extinction: at density 1 [1/stage unit].
+        lights: that shine on it.
+        ambient: light from everywhere, linear RGB [3].
+        time: time code.
+    """
+    found = find_smoke(density, to_world)
+    if found is None:
+        return None
+    density, to_world = found
+    ends = transform_points(to_world, [np.zeros(3), density.shape])
+    center, radius = ends.mean(axis=0), float(np.linalg.norm(ends[1] - ends[0])) / 2
+    return color_smoke(density, to_world, extinction, [beam_on(one, center, radius, time) for one in lights], ambient)
+
+
+def _read_grid(volume: UsdVol.Volume, field: str, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """The values of a volume's field at a frame, and index to world position of its voxels' centres.
+
+    Raises:
+        ValueError: the volume has no such field, or its file no such grid.
+    """
+    asset = _vdb_field(volume.GetPrim(), field)
+    if asset is None:
+        names = ", ".join(name.removeprefix("field:") for name in volume.GetPrim().GetPropertyNames() if ":" in name)
+        raise ValueError(f"{volume.GetPath()}: has no field {field!r}; its fields: {names}")
+    file = _existing_file(asset.GetFilePathAttr(), number)
+    name = asset.GetFieldNameAttr().Get(number)
+    grids = read_vdb(file)
+    if name not in grids:
+        raise ValueError(f"{file}: has no grid {name!r}; its grids: {', '.join(grids)}")
+    grid = grids[name]
+    to_world = np.diag([*grid.voxel_size, 1.0])
+    to_world[3, :3] = np.asarray(grid.origin) * grid.voxel_size + grid.translation
+    return grid.values, to_world @ np.array(volume.ComputeLocalToWorldTransform(number))
+
+
+def _vdb_field(volume: Usd.Prim, name: str) -> UsdVol.OpenVDBAsset | None:
+    """A field of a volume, if it comes from a `.vdb` file."""
+    target = UsdVol.Volume(volume).GetFieldPath(name)
     field = UsdVol.OpenVDBAsset(volume.GetStage().GetPrimAtPath(target)) if target else None
     return field if field else None
 

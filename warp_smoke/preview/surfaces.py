@@ -4,7 +4,7 @@ import numpy as np
 import pyvista as pv
 
 from warp_smoke.geometry import corner_normals
-from warp_smoke.preview.color import linear_to_srgb
+from warp_smoke.preview.color import expose_codes, linear_to_srgb
 from warp_smoke.record import value_at
 from warp_smoke.scene import Material, Surface
 from warp_smoke.shading.textures import Picture
@@ -23,7 +23,7 @@ _ENCODE_SRGB = """//VTK::TCoord::Impl
 
 
 class SurfaceActor:
-    """One mesh of the set, first with its material.
+    """One mesh of the set, first with its material; an exposure is in stops, which double the light.
 
     Attributes:
         surface: the scene's record.
@@ -43,19 +43,25 @@ class SurfaceActor:
         self.actor = pv.Actor(mapper=pv.DataSetMapper(self._poly))
         self.actor.mapper.scalar_visibility = False
         self.actor.prop.interpolation = "flat" if mesh.normals is None else "phong"
-        self._shown = None
-        self._light(surface.material or Material(), ambient)
+        self._shown: tuple[object, float] = (None, 0.0)
+        self.show_material(surface.material or Material(), ambient)
 
-    def _light(self, material: Material, ambient: np.ndarray) -> None:
-        """Draws the material, matte, under VTK's lights."""
+    def show_material(self, material: Material, ambient: np.ndarray, exposure: float = 0.0) -> None:
+        """Draws a material, matte, under VTK's lights, which have the same exposure."""
+        if not self._changes_to(material, exposure):
+            return
+        self.actor.prop.lighting = True
+        self.actor.mapper.scalar_visibility = False
+        self.actor.texture = None
         diffuse = np.asarray(material.diffuse_color)
         if material.diffuse_texture is not None and self.surface.mesh.uvs is not None:
             diffuse = np.ones(3)
             self.actor.texture = _diffuse_texture(material)
         self.actor.prop.SetDiffuseColor(*diffuse)
-        self.actor.prop.SetAmbientColor(*(diffuse * ambient + material.emissive_color))
+        self.actor.prop.SetAmbientColor(*(2.0**exposure * (diffuse * ambient + material.emissive_color)))
         self.actor.prop.ambient = self.actor.prop.diffuse = 1.0
         self.actor.prop.specular = 0.0
+        self.actor.GetShaderProperty().ClearAllFragmentShaderReplacements()
         self.actor.GetShaderProperty().AddFragmentShaderReplacement("//VTK::TCoord::Impl", True, _ENCODE_SRGB, False)
 
     def place(self, time: float) -> None:
@@ -70,25 +76,30 @@ class SurfaceActor:
                 normals = corner_normals(points, mesh.triangles, smooth=True)
                 self._poly.point_data.active_normals = normals.reshape(-1, 3)
 
-    def show_picture(self, pixels: np.ndarray) -> None:
+    def show_picture(self, pixels: np.ndarray, exposure: float = 0.0) -> None:
         """Draws a baked picture as it is: [h, w, 3] uint8 sRGB, top row first."""
-        if pixels is not self._shown:
-            self._unlight(pixels)
-            self.actor.texture = make_texture(pixels, "clamp")
+        if self._changes_to(pixels, exposure):
+            self._unlight()
+            self.actor.texture = make_texture(expose_codes(pixels, exposure), "clamp")
 
-    def show_colors(self, colors: np.ndarray) -> None:
+    def show_colors(self, colors: np.ndarray, exposure: float = 0.0) -> None:
         """Draws baked colours as they are: linear RGB at each point of the mesh, [n, 3]."""
-        if colors is not self._shown:
-            self._unlight(colors)
+        if self._changes_to(colors, exposure):
+            self._unlight()
             self.actor.texture = None
-            corners = linear_to_srgb(colors)[self.surface.mesh.triangles].reshape(-1, 3)
+            corners = linear_to_srgb(2.0**exposure * colors)[self.surface.mesh.triangles].reshape(-1, 3)
             self._poly.point_data.set_array(corners, "baked")
             self.actor.mapper.SetColorModeToDirectScalars()
             self._poly.point_data.active_scalars_name = "baked"
             self.actor.mapper.scalar_visibility = True
 
-    def _unlight(self, look: object) -> None:
-        self._shown = look
+    def _changes_to(self, shown: object, exposure: float) -> bool:
+        """Whether what is to be drawn, and how bright, is other than what is; notes it."""
+        same = shown is self._shown[0] and exposure == self._shown[1]
+        self._shown = (shown, exposure)
+        return not same
+
+    def _unlight(self) -> None:
         self.actor.prop.lighting = False
         self.actor.prop.SetColor(1.0, 1.0, 1.0)
         self.actor.prop.diffuse = 0.0  # unlit, VTK shows the sum of ambient and diffuse colour

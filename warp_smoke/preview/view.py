@@ -1,5 +1,8 @@
 """What is drawn of a stage: its set, lights and smoke at a frame, seen through its camera."""
 
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pyvista as pv
 
@@ -7,27 +10,55 @@ from warp_smoke.geometry import normalized, transform_points
 from warp_smoke.preview.camera import View, box_corners, camera_view, framed_view
 from warp_smoke.preview.lights import set_lights
 from warp_smoke.preview.marks import mark_domain, mark_emitter, mark_light
+from warp_smoke.preview.slices import SliceActors
 from warp_smoke.preview.stage import Frame, PreviewStage
 from warp_smoke.preview.surfaces import SurfaceActor
 from warp_smoke.preview.volume import SmokeActor
 from warp_smoke.record import Record, Samples
+from warp_smoke.scene import Material
+
+if TYPE_CHECKING:
+    from warp_smoke.preview.live import LiveStage
 
 BACKGROUND, BACKGROUND_TOP = "#26282b", "#70757b"
+DEFAULT = Material()
+PLAIN = Material(path="/Plain", diffuse_color=(0.5, 0.5, 0.5))
+
+
+@dataclass(frozen=True)
+class Look:
+    """What of a stage is drawn, and how.
+
+    Attributes:
+        smoke: the volumes.
+        baked: surfaces with their baked light and shadows, else with their materials under the stage's lights.
+        materials: surfaces that show no baked light in their materials, else in a plain grey.
+        marks: where lights stand, and before a run also the domains' boxes and the emitters.
+        exposure: in stops: each doubles the light.
+    """
+
+    smoke: bool = True
+    baked: bool = True
+    materials: bool = True
+    marks: bool = True
+    exposure: float = 0.0
 
 
 class StageView:
     """A stage drawn by a plotter.
 
     Args:
-        stage: what is drawn.
+        stage: what is drawn: its `scene`, `lights`, `ambient`, `volumes` and `has_results`.
         plotter: where; see `warp_smoke.preview.opengl`.
         step: distance between samples in smoke [voxels].
 
     Attributes:
         plotter: the same.
+        drawn: the look; see `restyle`.
+        follows_camera: whether the stage's own camera is looked through as it moves.
     """
 
-    def __init__(self, stage: PreviewStage, plotter: pv.Plotter, step: float):
+    def __init__(self, stage: "PreviewStage | LiveStage", plotter: pv.Plotter, step: float):
         self._stage, self.plotter = stage, plotter
         start = stage.scene.start
         plotter.set_background(BACKGROUND, top=BACKGROUND_TOP)
@@ -37,28 +68,54 @@ class StageView:
         for surface in self._surfaces:
             self._add(surface.actor)
         self._smoke = [SmokeActor(plotter, step) for _ in range(stage.volumes)]
+        self._slices = SliceActors(plotter)
+        self._frame: Frame | None = None
+        self.drawn = Look()
         self._lower, self._upper = self._bounds()
         self._marks: list[pv.Actor] = []
+        self.follows_camera = stage.scene.camera is not None
         self._lights_change = any(map(_changes, (*stage.lights, *stage.scene.emitters)))
         self._look(start)
 
     def show(self, frame: Frame) -> None:
         """Draws a frame."""
+        self._frame = frame
         time = frame.number
         for surface in self._surfaces:
             surface.place(time)
-            path = surface.surface.path
-            if path in frame.pictures:
-                surface.show_picture(frame.pictures[path])
-            elif path in frame.colors:
-                surface.show_colors(frame.colors[path])
+            self._dress(surface, frame)
         for actor, smoke in zip(self._smoke, frame.smoke, strict=True):
-            actor.show(smoke)
+            actor.show(smoke if self.drawn.smoke else None, self.drawn.exposure)
+        self._slices.show(frame.quantity, frame.slices if self.drawn.smoke else ())
         if not self._marks or self._lights_change:
             self._light(time)
         camera = self._stage.scene.camera
-        if camera is not None and camera.moves:
+        if camera is not None and camera.moves and self.follows_camera:
             self._look(time)
+        self.plotter.reset_camera_clipping_range()
+
+    def _dress(self, surface: SurfaceActor, frame: Frame) -> None:
+        """Gives a surface the look it is to have."""
+        path, look = surface.surface.path, self.drawn
+        if look.baked and path in frame.pictures:
+            surface.show_picture(frame.pictures[path], look.exposure)
+        elif look.baked and path in frame.colors:
+            surface.show_colors(frame.colors[path], look.exposure)
+        else:
+            own = surface.surface.material or DEFAULT
+            surface.show_material(own if look.materials else PLAIN, self._stage.ambient, look.exposure)
+
+    def restyle(self, look: Look) -> None:
+        """Draws the last frame again in another look."""
+        self.drawn = look
+        if self._frame is not None:
+            self._light(self._frame.number)
+            self.show(self._frame)
+
+    def look_through_camera(self, follow: bool) -> None:
+        """Looks through the stage's camera from here on, or else frames all of the stage once."""
+        self.follows_camera = follow and self._stage.scene.camera is not None
+        self._look(self._frame.number if self._frame is not None else self._stage.scene.start)
         self.plotter.reset_camera_clipping_range()
 
     def picture(self) -> np.ndarray:
@@ -68,7 +125,7 @@ class StageView:
 
     def _light(self, time: float) -> None:
         """Puts lights, and the marks of what has no surface, where they are at a time code."""
-        set_lights(self.plotter, self._stage.lights, time)
+        set_lights(self.plotter, self._stage.lights, time, self.drawn.exposure)
         scene = self._stage.scene
         center, radius = (self._lower + self._upper) / 2, float(np.linalg.norm(self._upper - self._lower)) / 2
         for mark in self._marks:
@@ -79,13 +136,14 @@ class StageView:
             marks += [mark_emitter(emitter, time) for emitter in scene.emitters]
         self._marks = [mark for mark in marks if mark is not None]
         for mark in self._marks:
+            mark.visibility = self.drawn.marks
             self._add(mark)
 
     def _look(self, time: float) -> None:
         """Sees through the stage's camera, or else the whole of what is looked at."""
         width, height = self.plotter.window_size
         scene = self._stage.scene
-        if scene.camera is None:
+        if not self.follows_camera:
             view = framed_view(self._lower, self._upper, scene.up, width / height)
         else:
             place = scene.camera.transform_at(time)

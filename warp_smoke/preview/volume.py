@@ -4,6 +4,7 @@ import numpy as np
 import pyvista as pv
 from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
 
+from warp_smoke.preview.color import expose_codes
 from warp_smoke.preview.smoke import SmokeVoxels
 
 # The opacity of voxels of greatest density along the unit distance, which is set so that this is right.
@@ -24,8 +25,8 @@ class SmokeActor:
         self._plotter, self._step = plotter, step
         self._actor: pv.Volume | None = None
 
-    def show(self, smoke: SmokeVoxels | None) -> None:
-        """Draws these voxels in place of the last ones; None draws nothing."""
+    def show(self, smoke: SmokeVoxels | None, exposure: float = 0.0) -> None:
+        """Draws these voxels in place of the last ones, at an exposure in stops; None draws nothing."""
         if self._actor is not None:
             self._actor.visibility = smoke is not None
         if smoke is None:
@@ -36,7 +37,9 @@ class SmokeActor:
         matrix[:3, :3] /= size[:, None]
         grid = pv.ImageData(dimensions=smoke.rgba.shape[:3], spacing=size)
         # VTK's first index is the fastest.
-        grid.point_data["rgba"] = np.ascontiguousarray(smoke.rgba.transpose(2, 1, 0, 3)).reshape(-1, 4)
+        rgba = np.ascontiguousarray(smoke.rgba.transpose(2, 1, 0, 3)).reshape(-1, 4)
+        rgba[:, :3] = expose_codes(rgba[:, :3], exposure)
+        grid.point_data["rgba"] = rgba
         grid.point_data.active_scalars_name = "rgba"
         if self._actor is None:
             self._actor = self._add(grid)

@@ -1,0 +1,107 @@
+"""A run watched while it works, at a bounded cost: frames that would take too much of its time are not drawn."""
+
+from collections.abc import Callable
+from time import perf_counter
+
+import numpy as np
+import pyvista as pv
+
+from warp_smoke.lattice import place_lattice
+from warp_smoke.preview.lights import lights_of
+from warp_smoke.preview.stage import Frame, light_smoke
+from warp_smoke.preview.view import StageView
+from warp_smoke.scene import Scene
+from warp_smoke.simulation import Frame as SimulatedFrame
+from warp_smoke.simulation import Smoke
+
+# Of the time that the run takes without it, what drawing may add.
+SHARE = 0.1
+# Voxels between samples: a third of the time that one voxel takes.
+STEP = 3.0
+
+
+class LiveStage:
+    """A scene as it is drawn while it is simulated; the same attributes as `PreviewStage`."""
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        self.lights, self.ambient = lights_of(scene)
+        self.volumes = len(scene.domains)
+        self.has_results = False
+        self._lattices = {domain.path: place_lattice(scene, domain) for domain in scene.domains}
+        self._pictures: dict[str, np.ndarray] = {}
+        self._colors: dict[str, np.ndarray] = {}
+
+    def full_frame(self) -> Frame:
+        """A frame with smoke all over, as dear to draw as any."""
+        full = {
+            path: Smoke(np.ones(lattice.shape, np.float32), None, None) for path, lattice in self._lattices.items()
+        }
+        return self.frame(SimulatedFrame(self.scene.start, full, {}, {}))
+
+    def frame(self, made: SimulatedFrame) -> Frame:
+        """What was simulated, as it is drawn."""
+        for (path, bake), values in made.pictures.items():
+            if bake == "lit":
+                (self._pictures if values.dtype == np.uint8 else self._colors)[path] = values
+        smoke = []
+        for domain in self.scene.domains:
+            fields = made.smoke.get(domain.path)
+            extinction = domain.extinction * self.scene.meters_per_unit
+            if fields is None or fields.density is None or not extinction:
+                smoke.append(None)
+                continue
+            centre_of_first = np.eye(4)
+            centre_of_first[3, :3] = 0.5
+            to_world = centre_of_first @ self._lattices[domain.path].cells_to_world()
+            smoke.append(light_smoke(fields.density, to_world, extinction, self.lights, self.ambient, made.number))
+        return Frame(made.number, tuple(smoke), dict(self._pictures), dict(self._colors))
+
+
+class LivePreview:
+    """Draws the frames of a run as they are made; give it to `run` as `on_frame`.
+
+    Args:
+        scene: what is run.
+        plotter: where it is drawn; see `warp_smoke.preview.opengl`.
+        clock: seconds.
+
+    Attributes:
+        drawn: numbers of the frames that were drawn.
+        spent: time that this took while the run waited [s].
+    """
+
+    def __init__(self, scene: Scene, plotter: pv.Plotter, clock: Callable[[], float] = perf_counter):
+        self._clock, self._plotter = clock, plotter
+        self._stage = LiveStage(scene)
+        self._view = StageView(self._stage, plotter, STEP)
+        # The first picture takes longest, since the driver compiles its shaders: before the run, not within it.
+        self._view.show(self._stage.full_frame())
+        plotter.show(interactive_update=True, auto_close=False)
+        began = clock()
+        self._view.show(self._stage.full_frame())
+        plotter.update()
+        self.drawn: list[int] = []
+        self.spent = 0.0
+        self._began = clock()
+        self._last = self._began - began
+
+    def __call__(self, made: SimulatedFrame) -> None:
+        """Draws a frame, unless that would add more than `SHARE` to the time that the run has taken so far."""
+        began = self._clock()
+        without = began - self._began - self.spent
+        if self.spent + self._last > SHARE * without:
+            return
+        self._view.show(self._stage.frame(made))
+        self._plotter.update()
+        self._last = self._clock() - began
+        self.spent += self._last
+        self.drawn.append(made.number)
+
+    def picture(self) -> np.ndarray:
+        """What is drawn, [h, w, 3] uint8 sRGB, top row first."""
+        return self._view.picture()
+
+    def close(self) -> None:
+        """Closes the window."""
+        self._plotter.close()
