@@ -101,7 +101,8 @@ def nearest_of_texel(m: PointMap, r: wp.vec3, normal: wp.vec3, u: wp.vec3):
 
     Along u the plane lies at e = |u| (n·r) / (n·u), taken to be |r| at most: that takes a third of the acne from a
     rough mesh's hollows. With x = spread · tan θ it is nowhere in the texel nearer than e / (1 + x): the least bias
-    without acne on planes, for any θ. A light's own bias is taken off |r|. Where u passes over the plane's horizon, the result is −1.
+    without acne on planes, for any θ. A light's own bias is taken off |r|. Where u passes over the plane's horizon,
+    the result is −1.
     """
     length = wp.length(u)
     along = wp.dot(u, normal)
