@@ -92,7 +92,7 @@ def _spread(rows: Rows, unit: wp.vec3i, a: wp.array3d[float], a_out: wp.array3d[
 
 @wp.func
 def _way_to_solid(solids: SolidCells, i: int, j: int, k: int, x: float, y: float, z: float):
-    """Share of the way from the centre of a cell along (x, y, z) to the first closed face; 1 if there is none."""
+    """Share of the way from the centre of a cell along (x, y, z) to the first closed face; 2 if there is none."""
     step_x = 1.0 / wp.abs(x)  # infinite along axes that are not crossed
     step_y = 1.0 / wp.abs(y)
     step_z = 1.0 / wp.abs(z)
@@ -100,8 +100,8 @@ def _way_to_solid(solids: SolidCells, i: int, j: int, k: int, x: float, y: float
     next_y = 0.5 * step_y
     next_z = 0.5 * step_z
     way = wp.min(next_x, wp.min(next_y, next_z))
-    result = wp.float32(1.0)
-    while way < 1.0:
+    result = wp.float32(2.0)
+    while _SHORT * way < 1.0:  # also for a trace that ends on the face itself, which rounds to the cell behind it
         share = wp.float32(0.0)
         if next_x == way:
             upwards = wp.where(x > 0.0, 1, 0)
@@ -149,7 +149,7 @@ def _stop_at_solids(
         # A short way crosses no faces but those of the cell and its neighbours.
         if (far > 1.5 or (far > 0.5 and solids.crowded[i, j, k] > 0.0)) and solids.fluid[i, j, k] > 0.0:
             way = _way_to_solid(solids, i, j, k, x, y, z)
-            if way < 1.0:
+            if way < 2.0:
                 dx_inout[i, j, k] = _SHORT * way * x
                 dy_inout[i, j, k] = _SHORT * way * y
                 dz_inout[i, j, k] = _SHORT * way * z
