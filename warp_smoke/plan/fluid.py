@@ -84,9 +84,11 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
     why, why_not = f"temperatureCooling is {rate:g}/s", "temperatureCooling is 0" if has_heat else cold
     choose("cool_temperature", has_heat and rate, why, why_not, makes="temperature")
 
-    grids = tuple(grid for grid in domain.grids if grid != "velocity" or flows)
-    if grids != domain.grids:
-        ledger.omit("write velocity", (domain.path,), still)
+    dark = not any(scene.ambient) and not any(light.shines for light in scene.lights)
+    needless = {"velocity": not flows and still, "light": dark and "no light shines"}
+    grids = tuple(grid for grid in domain.grids if not needless.get(grid))
+    for grid in set(domain.grids) - set(grids):
+        ledger.omit(f"write {grid}", (domain.path,), needless[grid])
     ledger.keep("write_volume", (domain.path,), When.FRAME, ", ".join(grids), "the domain's smoke is exported")
     tolerance = domain.pressure_tolerance or DEFAULT_TOLERANCE
     return DomainPlan(

@@ -1,0 +1,129 @@
+"""Smoke shadows joined to scenes: colours, layers, several lights and domains, lights inside, bad options."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import at, floor, plume
+
+import warp_smoke as ws
+from warp_smoke.record import FieldError
+
+
+def _last(scene, frames=3):
+    """The simulation and its last frame's pictures."""
+    simulation = ws.Simulation(scene, threads=1)
+    for _ in range(frames):
+        frame = simulation.step()
+    return simulation, frame.pictures
+
+
+def _shadows(scene):
+    """How smoke shadows the floor, by light and domain."""
+    (receiver,) = ws.make_plan(scene).receivers
+    return {(light.light.path, s.domain.domain.path): s for light in receiver.lights for s in light.smoke}
+
+
+def test_coloured_extinction_gives_coloured_shadows():
+    """Smoke that takes blue light only leaves red as it is without smoke, and blue as it is in grey smoke."""
+    scene = plume(extinction=9.0)
+    grey = _last(scene)[1]["/World/Floor", "lit"].astype(int)
+    clear = _last(replace(scene, domains=[replace(scene.domains[0], extinction=1e-9)]))[1]["/World/Floor", "lit"]
+    tinted = replace(scene.domains[0], extinction_color=(0.0, 0.5, 1.0))
+    colored = _last(replace(scene, domains=[tinted]))[1]["/World/Floor", "lit"].astype(int)
+    np.testing.assert_allclose(colored[..., 0], clear[..., 0], atol=1)
+    np.testing.assert_allclose(colored[..., 2], grey[..., 2], atol=1)
+    assert (clear.astype(int) - grey)[..., 2].max() > 20
+
+
+def test_equal_colours_cost_one_channel():
+    """An extinction colour that is grey is the same, to the bit, as that much extinction."""
+    scene = plume()
+    half = replace(scene, domains=[replace(scene.domains[0], extinction=4.0, extinction_color=(0.5, 0.5, 0.5))])
+    plain = replace(scene, domains=[replace(scene.domains[0], extinction=2.0)])
+    np.testing.assert_array_equal(_last(half)[1]["/World/Floor", "lit"], _last(plain)[1]["/World/Floor", "lit"])
+
+
+def test_layers_only_where_a_receiver_is_inside():
+    """The floor under the box needs one layer; a floor through it two slices a layer, or what the light says."""
+    scene = plume()
+    assert {shadow.layer for shadow in _shadows(scene).values()} == {None}
+    through = replace(scene, surfaces=[replace(floor(), transform=at(0, 0.7, 0))])
+    assert {shadow.layer for shadow in _shadows(through).values()} == {2}
+    lights = [replace(light, smoke_shadow_layer=5) for light in scene.lights]
+    assert {shadow.layer for shadow in _shadows(replace(through, lights=lights)).values()} == {5}
+
+
+@pytest.mark.parametrize("method", ["nearest", "bilinear", "gaussian", "footprint", "dpd"])
+def test_every_method_runs_in_a_scene(method):
+    """A light that asks for a method gets its kernels, loaded beforehand, and a shadow."""
+    scene = plume()
+    fields = {"smoke_shadow": method, "smoke_diffusion": 0.5, "smoke_diffuser": "sweeps"}
+    simulation, pictures = _last(replace(scene, lights=[replace(light, **fields) for light in scene.lights]))
+    assert pictures["/World/Floor", "smokeShadow"].min() < 250
+    assert ("_gather_splats" in simulation.launcher.launches) == (method != "dpd")
+    assert {each.method for each in simulation.plan.passes if each.name == "project_smoke"} == {method}
+
+
+def test_shadows_of_two_domains_multiply():
+    """One buffer for each pair of a light and a domain, and darker where both stand before the light."""
+    scene = plume()
+    (domain,), (source,) = scene.domains, scene.emitters
+    above = replace(domain, path="/World/Above", transform=at(0, 3.2, 0))
+    smoke = replace(source, path="/World/SourceAbove", transform=at(0, 3.2, 0))
+    sun = scene.lights[1:]
+    both = replace(scene, domains=[domain, above], emitters=[source, smoke], lights=sun)
+    assert set(_shadows(both)) == {("/World/Sun", "/World/Smoke"), ("/World/Sun", "/World/Above")}
+    shares = []
+    for one in ([domain], [above]):
+        picture = _last(replace(both, domains=one), 1)[1]["/World/Floor", "smokeShadow"]
+        shares.append(picture.astype(float) / 255)
+    together = _last(both, 1)[1]["/World/Floor", "smokeShadow"].astype(float) / 255
+    np.testing.assert_allclose(together, shares[0] * shares[1], atol=0.01)
+
+
+@pytest.mark.parametrize("method", ["march", "footprint", "dpd"])
+@pytest.mark.parametrize("place", [(0, 1, 0), (0.2, 1.3, -0.4), (1, 2, 1), (1, 1, 0), (0.125, 1.125, 0.125)])
+def test_light_inside_the_smoke_is_traced(method, place):
+    """At the domain's centre, on a corner, on a side, on a cell's corner: rays are traced, and nothing is undefined."""
+    scene = plume(frames=2)
+    lamp = replace(scene.lights[0], transform=at(*place), smoke_shadow=method)
+    simulation, pictures = _last(replace(scene, lights=[lamp]), 2)
+    assert {s.method for s in _shadows(simulation.plan.scene).values()} <= {"ray_traced"}
+    assert any("rays are traced" in out.why for out in simulation.plan.left_out) or not _shadows(simulation.plan.scene)
+    assert pictures["/World/Floor", "lit"].max() > 0
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "allowed"),
+    [
+        ("smoke_shadow_size", 0, "whole numbers from 1"),
+        ("smoke_shadow_layer", 0, "whole numbers from 1"),
+        ("smoke_sweeps", 0, "whole numbers from 1"),
+        ("smoke_diffusion", -1.0, "≥ 0"),
+        ("smoke_diffusion", 1e9, "0 to 1000"),
+        ("smoke_diffusion", float("nan"), "finite"),
+        ("smoke_diffuser", "fast", "paper, sweeps, exact"),
+        ("smoke_projection", "wide", "parallel, rays"),
+        ("smoke_compositing", "soft", "opacity, transmittance"),
+    ],
+)
+def test_bad_options_of_lights(field, value, allowed):
+    """One line that names the light, the field, the value and what is allowed."""
+    with pytest.raises(FieldError, match=f"^/World/Lamp: {field} is .*allowed: .*{allowed}"):
+        ws.PointLight(path="/World/Lamp", **{field: value})
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"albedo": (0.5, 0.5, 1.5)}, "albedo is .*allowed: 0 to 1"),
+        ({"extinction_color": (0.5, -0.5, 1.0)}, "extinction_color is .*allowed: ≥ 0"),
+        ({"lower": (0, 0, 0), "upper": (1, 0, 1)}, "upper is .*greater than lower"),
+        ({"resolution": 0}, "resolution is 0"),
+    ],
+)
+def test_bad_options_of_domains(fields, message):
+    """A side of no size, no cells, and colours out of range are refused by name."""
+    with pytest.raises(FieldError, match=message):
+        ws.SmokeDomain(path="/World/Smoke", **fields)
