@@ -7,7 +7,7 @@ from scenes import plume
 from warp_smoke.preview.live import SHARE, LivePreview
 from warp_smoke.preview.stage import PreviewStage
 from warp_smoke.run import run
-from warp_smoke.simulation import Frame, Smoke
+from warp_smoke.simulation import Frame
 
 
 class Clock:
@@ -44,11 +44,10 @@ def watch(open_plotter):
 def test_drawing_never_takes_more_than_its_share(watch, cost):
     """Frames of 50 ms: whatever a drawing costs, all drawings together stay below a tenth of the rest."""
     live, clock = watch(plume(), cost)
-    fields = {"/World/Smoke": Smoke(np.ones((16, 16, 16), np.float32), None, None)}
-    live(Frame(0, fields, {}, {}))  # nothing is known of the cost yet, and no time has passed
+    live(Frame(0, {}, {}, {}))  # nothing is known of the cost yet, and no time has passed
     for number in range(1, 200):
         clock.now += 0.05
-        live(Frame(number, fields, {}, {}))
+        live(Frame(number, {}, {}, {}))
         # The first drawing comes before its cost is known.
         assert live.spent <= SHARE * (clock.now - live.spent) + 1e-9 or len(live.drawn) == 1
     # As many as the share allows, but for the last that was not yet due.

@@ -4,12 +4,15 @@ import shutil
 
 import numpy as np
 import pytest
+from scenes import at
 
 import warp_smoke as ws
+from warp_smoke.files import write_png
 from warp_smoke.preview.stage import PreviewStage
 from warp_smoke.preview.view import StageView
 from warp_smoke.preview.window import Window
 from warp_smoke.usd.author import author_scene
+from warp_smoke.usd.write import BakeResult, write_results
 
 SIZE = (160, 120)
 
@@ -180,4 +183,25 @@ def test_marks_can_be_hidden(tmp_path, window_of):
     assert blue() == 0
     window.press("l")
     assert blue() > 100
+    window.close()
+
+
+def test_own_look_has_the_users_material(tmp_path, window_of):
+    """Over a bake the key b shows the material that the user bound, not the baked one that stands in for it."""
+    mesh = ws.Mesh.grid((-9, 0, 9), (18, 0, 0), (0, 0, -18))
+    red = ws.Material(path="/World/Red", diffuse_color=(0.8, 0.0, 0.0))
+    floor = ws.Surface(
+        path="/World/Floor", mesh=mesh, material=red, receiver=ws.Receiver(path="/World/Floor", texture_size=8)
+    )
+    lamp = ws.PointLight(path="/World/Lamp", transform=at(0, 4, 0), intensity=400.0)
+    eye = ws.Camera(path="/World/Eye", transform=at(0, 1, 6), focal_length=20.0)
+    scene = ws.Scene(surfaces=[floor], lights=[lamp], camera=eye, end=1)
+    write_png(tmp_path / "grey.png", np.full((8, 8, 3), 90, np.uint8))
+    bake = BakeResult(surface=floor, bake="lit", files="./grey.png")
+    window, view = window_of(write_results(tmp_path, "red", scene, [], [bake]), 1)
+    assert view.picture()[100, 80].tolist() == [90] * 3
+    window.press("b")
+    red_light, *others = view.picture()[100, 80].tolist()
+    assert red_light > 100
+    assert others == [0, 0]
     window.close()

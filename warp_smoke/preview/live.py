@@ -1,6 +1,6 @@
 """A run watched while it works, at a bounded cost: frames that would take too much of its time are not drawn."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import perf_counter
 
 import numpy as np
@@ -12,7 +12,6 @@ from warp_smoke.preview.stage import Frame, light_smoke
 from warp_smoke.preview.view import StageView
 from warp_smoke.scene import Scene
 from warp_smoke.simulation import Frame as SimulatedFrame
-from warp_smoke.simulation import Smoke
 
 # Of the time that the run takes without it, what drawing may add.
 SHARE = 0.1
@@ -34,28 +33,28 @@ class LiveStage:
 
     def full_frame(self) -> Frame:
         """A frame with smoke all over, as dear to draw as any."""
-        full = {
-            path: Smoke(np.ones(lattice.shape, np.float32), None, None) for path, lattice in self._lattices.items()
-        }
-        return self.frame(SimulatedFrame(self.scene.start, full, {}, {}))
+        full = {path: np.ones(lattice.shape, np.float32) for path, lattice in self._lattices.items()}
+        return self._frame(self.scene.start, full)
 
     def frame(self, made: SimulatedFrame) -> Frame:
         """What was simulated, as it is drawn."""
         for (path, bake), values in made.pictures.items():
             if bake == "lit":
                 (self._pictures if values.dtype == np.uint8 else self._colors)[path] = values
+        return self._frame(made.number, {path: fields.density for path, fields in made.smoke.items()})
+
+    def _frame(self, number: int, densities: Mapping[str, np.ndarray | None]) -> Frame:
         smoke = []
         for domain in self.scene.domains:
-            fields = made.smoke.get(domain.path)
-            extinction = domain.extinction * self.scene.meters_per_unit
-            if fields is None or fields.density is None or not extinction:
+            density, extinction = densities.get(domain.path), domain.extinction * self.scene.meters_per_unit
+            if density is None or not extinction:
                 smoke.append(None)
                 continue
             centre_of_first = np.eye(4)
             centre_of_first[3, :3] = 0.5
             to_world = centre_of_first @ self._lattices[domain.path].cells_to_world()
-            smoke.append(light_smoke(fields.density, to_world, extinction, self.lights, self.ambient, made.number))
-        return Frame(made.number, tuple(smoke), dict(self._pictures), dict(self._colors))
+            smoke.append(light_smoke(density, to_world, extinction, self.lights, self.ambient, number))
+        return Frame(number, tuple(smoke), dict(self._pictures), dict(self._colors))
 
 
 class LivePreview:

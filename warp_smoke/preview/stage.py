@@ -14,7 +14,8 @@ from warp_smoke.preview.slices import QUANTITIES, Slice, cut_slice
 from warp_smoke.preview.smoke import SmokeVoxels, color_smoke, find_smoke
 from warp_smoke.scene import Light, SmokeDomain
 from warp_smoke.shading.textures import Picture
-from warp_smoke.usd.read import read_scene
+from warp_smoke.usd.material import OWN_LOOK, VARIANT_SET
+from warp_smoke.usd.read import read_scene, read_stage
 from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
 from warp_smoke.usd.write import RESULTS_SUFFIX
 from warp_smoke.vdb import read_vdb
@@ -58,8 +59,11 @@ class PreviewStage:
     def __init__(self, path: str | Path):
         file = find_stage(path)
         self.scene = read_scene(file)
-        self.lights, self.ambient = lights_of(self.scene)
         stage = self._stage = Usd.Stage.Open(str(file))
+        own = _in_own_look(file)
+        if own:  # what bakes show is read from the stage itself, materials from the look that the user gave it
+            self.scene = read_stage(own, str(file))
+        self.lights, self.ambient = lights_of(self.scene)
         self._domains = {domain.path: domain for domain in self.scene.domains}
         prims = stage.Traverse(Usd.TraverseInstanceProxies())
         self._volumes = [
@@ -150,6 +154,16 @@ def find_stage(path: str | Path) -> Path:
     if len(names) != 1:
         raise ValueError(f"{path}: holds {len(names)} results {names}; allowed: one, or the path of a stage")
     return path / f"{names[0]}.usda"
+
+
+def _in_own_look(file: Path) -> Usd.Stage | None:
+    """The stage with the look that it had before the bake, or None if it has no other."""
+    stage = Usd.Stage.Open(Sdf.Layer.FindOrOpen(str(file)), Sdf.Layer.CreateAnonymous())
+    stage.SetEditTarget(stage.GetSessionLayer())
+    baked = [prim for prim in stage.GetPseudoRoot().GetChildren() if prim.GetVariantSets().HasVariantSet(VARIANT_SET)]
+    for prim in baked:
+        prim.GetVariantSet(VARIANT_SET).SetVariantSelection(OWN_LOOK)
+    return stage if baked else None
 
 
 def light_smoke(

@@ -173,9 +173,10 @@ class Window:
         self._plotter.render()
 
     def _say(self, name: str, text: str, position: tuple[float, float], color: str = TEXT_COLOR) -> None:
-        self._plotter.add_text(
-            text, position=position, viewport=True, name=name, color=color, font_size=9, font="courier", render=False
+        said = self._plotter.add_text(
+            text, position=position, viewport=True, name=name, color=color, font_size=8, font="courier", render=False
         )
+        said.prop.background_color, said.prop.background_opacity = "black", 0.6 if "\n" in text else 0.0
 
     def _add_slider(self, act: Callable, limits: tuple, value: float, left: float, right: float, title: str, fmt: str):
         return self._plotter.add_slider_widget(

@@ -20,6 +20,7 @@ from warp_smoke.scene import BAKES, Surface
 from warp_smoke.usd.prims import check_frames, editable, free_path, set_over_time, uv_primvar
 
 VARIANT_SET = "smokeLook"
+BAKED_LOOK, OWN_LOOK = "baked", "dcc"
 BAKED_NAMESPACE = "smokeBaked"
 VERTEX_PRIMVARS = {"lit": "smokeLit", "visibility": "smokeVisibility", "smokeShadow": "smokeShadow"}
 _PURPOSES = (UsdShade.Tokens.allPurpose, UsdShade.Tokens.preview, UsdShade.Tokens.full)
@@ -153,7 +154,7 @@ def _bind(receiver: Usd.Prim, material: UsdShade.Material) -> None:
     """Binds a material in the variant `baked`, for each purpose in which the user's own would still be seen."""
     root = _root(receiver)
     variants = root.GetVariantSets().AddVariantSet(VARIANT_SET)
-    for variant in ("dcc", "baked"):
+    for variant in (OWN_LOOK, BAKED_LOOK):
         variants.AddVariant(variant)
         variants.SetVariantSelection(variant)
     name = material.GetPrim().GetName()
