@@ -1,0 +1,222 @@
+"""Times surface shadows: rays against Embree, the whole cube-map pass, filters, and a baked floor with two lights.
+
+Usage: python scripts/benchmark_shadows.py [--threads N] [--size N] [--json FILE]; Embree's part needs `pip install
+embreex`. Embree runs on one thread, so the default is one thread for both. Times are the best of several runs.
+"""
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import warp as wp
+import warp.examples
+from pxr import Usd, UsdGeom
+
+import warp_smoke as ws
+from warp_smoke.geometry import transform_points
+from warp_smoke.launch import Launcher, Rows
+from warp_smoke.shadow.casters import Casters, nearest_hit
+from warp_smoke.shadow.coverage import CUBE_FRAMES, TILE
+from warp_smoke.shadow.methods import SURFACE_SHADOWS
+
+wp.set_module_options({"enable_backward": False})
+
+ROOT = Path(__file__).parents[1]
+FILTERS = ("hard", "pcf_grid", "pcf_disk", "pcss", "exact", "area")
+REPEATS = 5
+
+
+@wp.kernel
+def _trace_all(
+    rows: Rows, mesh: wp.uint64, start: wp.vec3, directions: wp.array[wp.vec3], distance_out: wp.array[float]
+):
+    """distance[n] = nearest hit along directions[n], or −1."""
+    n = rows.first + wp.tid()
+    distance_out[n] = nearest_hit(mesh, start, directions[n], 1.0e6, 0.0)
+
+
+def best_of(*runs: Callable[[], object], repeats: int = REPEATS) -> list[float]:
+    """Least time of each of several things, in turns, so that all see the same load; the first turn is not counted."""
+    times = [[] for _ in runs]
+    for _ in range(repeats + 1):
+        for run, taken in zip(runs, times, strict=True):
+            began = perf_counter()
+            run()
+            taken.append(perf_counter() - began)
+    return [min(taken[1:]) for taken in times]
+
+
+def scenes() -> dict[str, ws.Scene]:
+    """The example room, and the bunny above a floor, each with one point light."""
+    stage = Usd.Stage.Open(f"{warp.examples.get_asset_directory()}/bunny.usd")
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/root/bunny"))
+    triangles = np.reshape(mesh.GetFaceVertexIndicesAttr().Get(), (-1, 3))
+    bunny = ws.Surface(path="/Bunny", mesh=ws.Mesh(mesh.GetPointsAttr().Get(), triangles))
+    floor = ws.Surface(path="/Floor", mesh=ws.Mesh.grid((-4, 0, 4), (8, 0, 0), (0, 0, -8)), receiver=_receiver())
+    lamp = ws.PointLight(path="/Lamp", transform=_at(1.5, 3.0, 1.2), radius=0.05)
+    return {"room": ws.Scene.open(ROOT / "stages/room.usda"), "bunny": ws.Scene(surfaces=[bunny, floor], lights=[lamp])}
+
+
+def _receiver() -> ws.Receiver:
+    return ws.Receiver(path="/Floor", texture_size=1024)
+
+
+def _at(x: float, y: float, z: float) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[3, :3] = x, y, z
+    return matrix
+
+
+def _receivers(scene: ws.Scene) -> np.ndarray:
+    boxes = [
+        transform_points(s.transform_at(scene.start), s.mesh.points_at(scene.start))
+        for s in scene.surfaces
+        if s.receiver is not None
+    ]
+    return np.array([[points.min(axis=0), points.max(axis=0)] for points in boxes])
+
+
+def cube_directions(size: int) -> np.ndarray:
+    """Unit directions through all texels of a cube map, tile by tile, [n, 3] float32."""
+    steps = (np.arange(size) + 0.5) / size * 2 - 1
+    t, s = (a.reshape(size // TILE, TILE, size // TILE, TILE).swapaxes(1, 2) for a in np.meshgrid(steps, steps)[::-1])
+    local = np.stack([s.ravel(), t.ravel(), np.ones(size * size)], axis=1)
+    directions = (local @ CUBE_FRAMES).reshape(-1, 3)
+    return (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
+
+
+def compare_with_embree(launcher: Launcher, scene: ws.Scene, size: int) -> dict[str, float]:
+    """All texels of a cube map by both, then the map with faces and tiles left out."""
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
+    origin = np.zeros(3)
+    casters = Casters(launcher, scene.surfaces, origin)
+    casters.update(scene.start)
+    light = replace(scene.lights[0], shadow_map_size=size, shadow_filter="hard")
+    embree = EmbreeScene(robust=True)
+    TriangleMesh(embree, casters.mesh.points.numpy().reshape(-1, 3, 3))
+    directions = cube_directions(size)
+    starts = np.tile(light.position_at(scene.start).astype(np.float32), (len(directions), 1))
+    rays = wp.array(directions, dtype=wp.vec3)
+    distance = wp.zeros(len(rays), dtype=float)
+    shadow = SURFACE_SHADOWS["cube"](launcher, light, casters, _receivers(scene))
+
+    def trace_map() -> None:
+        casters.version += 1
+        shadow.update(scene.start)
+
+    ours, theirs, whole = best_of(
+        lambda: launcher.launch_each(_trace_all, len(rays), casters.mesh.id, wp.vec3(*starts[0]), rays, distance),
+        lambda: embree.run(starts, directions, query="DISTANCE"),
+        trace_map,
+        repeats=9,
+    )
+    return {
+        "rays": len(rays),
+        "rays_of_map": shadow.rays,
+        "all_texels_ms": 1e3 * ours,
+        "embree_ms": 1e3 * theirs,
+        "map_ms": 1e3 * whole,
+        "ray_for_ray": ours / theirs,
+        "map_over_embree": whole / theirs,
+    }
+
+
+def measure_filters(launcher: Launcher, scene: ws.Scene, texels: int = 512) -> list[dict[str, float | str]]:
+    """Time and error of each filter on the scene's floor; errors against the sharp and the soft truth.
+
+    The sharp truth is the mean of 4 × 4 exact rays in each texel of the floor, the soft one the light's area.
+    """
+    bounds = _receivers(scene)
+    lower, upper = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    origin = 0.5 * (lower + upper)
+    casters = Casters(launcher, scene.surfaces, origin)
+    casters.update(scene.start)
+    bounds = bounds - origin
+
+    def points(count: int) -> tuple[wp.array, wp.array]:
+        step = (np.arange(count) + 0.5) / count
+        x, z = np.meshgrid(lower[0] + step * (upper - lower)[0], lower[2] + step * (upper - lower)[2])
+        place = np.stack([x.ravel(), np.full(count**2, lower[1]), z.ravel()], axis=1) - origin
+        up = np.tile(np.float32([0, 1, 0]), (count**2, 1))
+        return wp.array(place.astype(np.float32), dtype=wp.vec3), wp.array(up, dtype=wp.vec3)
+
+    def look_up(name: str, at: tuple[wp.array, wp.array]) -> tuple[np.ndarray, float, float]:
+        light = replace(scene.lights[0], shadow_filter=name)
+        kind = name if name in SURFACE_SHADOWS else "cube"
+        shadow = SURFACE_SHADOWS[kind](launcher, light, casters, bounds)
+        out = wp.zeros(len(at[0]), dtype=float)
+
+        def trace() -> None:
+            casters.version += 1
+            shadow.update(scene.start)
+
+        repeats = 1 if name == "area" else REPEATS
+        return out, *best_of(trace, lambda: shadow.visibility(*at, out), repeats=repeats)
+
+    at = points(texels)
+    fine = look_up("exact", points(4 * texels))[0].numpy()
+    truth = {
+        "sharp": fine.reshape(texels, 4, texels, 4).mean(axis=(1, 3)).ravel(),
+        "soft": look_up("area", at)[0].numpy(),
+    }
+    rows = []
+    for name in FILTERS:
+        out, trace, look = look_up(name, at)
+        row = {"filter": name, "trace_ms": 1e3 * trace, "look_up_ms": 1e3 * look}
+        rows.append(row | {f"error_{kind}": float(np.abs(out.numpy() - t).mean()) for kind, t in truth.items()})
+    return rows
+
+
+def bake_floor(threads: int | None, name: str) -> float:
+    """A 1024² floor under the bunny and two lights, from shadows to pixels, first frame with kernels loaded [s]."""
+    scene = scenes()["bunny"]
+    sun = np.eye(4)
+    sun[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    lights = [
+        replace(scene.lights[0], shadow_filter=name),
+        ws.DistantLight(path="/Sun", transform=sun, shadow_filter=name),
+    ]
+    plan = ws.make_plan(replace(scene, lights=lights, end=1))
+    times = []
+    for _ in range(REPEATS):
+        simulation = ws.Simulation(plan, threads=threads)
+        began = perf_counter()
+        simulation.step()
+        times.append(perf_counter() - began)
+    return min(times)
+
+
+def main() -> None:
+    """Prints the tables and writes them as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--size", type=int, default=512)
+    parser.add_argument("--json", type=Path, default=Path("out/benchmark_shadows.json"))
+    options = parser.parse_args()
+    launcher = Launcher("cpu", options.threads)
+    report = {"threads": options.threads, "size": options.size, "embree": {}, "filters": {}, "floor_ms": {}}
+    for name, scene in scenes().items():
+        try:
+            report["embree"][name] = compare_with_embree(launcher, scene, options.size)
+        except ImportError:
+            print("Without embreex there is no comparison: pip install embreex")
+            break
+    report["filters"] = {"room": measure_filters(launcher, scenes()["room"])}
+    report["floor_ms"] = {name: 1e3 * bake_floor(options.threads, name) for name in ("hard", "exact", "pcss")}
+    for name, row in report["embree"].items():
+        print(name, *(f"{key} {value:.4g}" for key, value in row.items()), sep="  ")
+    for row in report["filters"]["room"]:
+        print(*(f"{key} {value:.4g}" if key != "filter" else f"{value:9s}" for key, value in row.items()), sep="  ")
+    print("1024² floor, two lights:", *(f"{name} {ms:.0f} ms" for name, ms in report["floor_ms"].items()), sep="  ")
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
