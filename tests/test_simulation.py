@@ -42,6 +42,7 @@ EFFECTS = {
         ["diffusion"],
     ),
     "density diffusion": ({"density_diffusion": 0.01}, {}, ["fluid.diffusion.spectral"], ["diffusion"]),
+    "wind": ({"wind": (1.0, 0.0, 0.0)}, {}, ["fluid.wind"], []),
     "dissipation": ({"density_dissipation": 0.5}, {}, ["fluid.dissipation"], []),
     "collider": ({}, {"colliders": [BALL]}, ["fluid.colliders", "fluid.pressure.v_cycle"], ["colliders"]),
     "surface shadow": (

@@ -13,6 +13,7 @@ _JACOBI_DIFFUSION = ("fluid.colliders", "fluid.diffusion.jacobi")
 _FLUID = {
     "voxelize_colliders": ("fluid.voxelize", "fluid.walls", "fluid.colliders"),
     "emit_density": ("fluid.voxelize", "fluid.emitters"),
+    "blow_wind": ("fluid.wind",),
     "add_buoyancy": ("fluid.forces",),
     "confine_vorticity": ("fluid.forces", "fluid.vorticity"),
     "project_pressure": ("fluid.operators", "fluid.measures"),

@@ -104,6 +104,8 @@ class SmokeDomain(Prim):
         ambient_temperature: temperature of the air.
         vorticity: strength ε of vorticity confinement (0 = off).
         viscosity: kinematic viscosity ν of the air [m²/s].
+        wind: velocity of the air at the beginning, and when it comes in through open sides, along the stage's axes
+            [m/s].
         density_diffusion: how fast smoke spreads by itself [m²/s].
         density_dissipation, temperature_cooling: decay rates [1/s].
         extinction: σ [1/m] at density 1.
@@ -127,6 +129,7 @@ class SmokeDomain(Prim):
     ambient_temperature: float = 0.0
     vorticity: float = 0.0
     viscosity: float = 0.0
+    wind: tuple[float, float, float] = (0.0, 0.0, 0.0)
     density_diffusion: float = 0.0
     density_dissipation: float = 0.0
     temperature_cooling: float = 0.0
@@ -150,6 +153,7 @@ class SmokeDomain(Prim):
         self._check(whole, "resolution", low=1, high=MAX_RESOLUTION)
         self._check(positive, "time_scale", "max_courant", "density_scale")
         self._check(finite, "buoyancy_density", "buoyancy_temperature", "ambient_temperature")
+        self._check(finite, "wind", shape=(3,))
         self._check(at_least, "vorticity", "viscosity", "density_diffusion", "density_dissipation")
         self._check(at_least, "temperature_cooling", "extinction")
         self._check(at_least, "extinction_color", "albedo", shape=(3,))

@@ -133,7 +133,7 @@ def test_unit_of_length_does_not_matter(launcher, metres):
 def obstacle(resolution: int = 20) -> Scene:
     """A plume and a ball that moves above its source."""
     path = Samples([1.0, 5.0], [at(-0.3, 1.2, 0), at(0.3, 1.2, 0)])
-    scene = lively(resolution=resolution, viscosity=0.01, density_diffusion=0.001)
+    scene = lively(resolution=resolution, viscosity=0.01, density_diffusion=0.001, wind=(0.5, 0.0, 0.2))
     return replace(scene, colliders=[Collider(path="/World/Ball", mesh=Mesh.sphere(0.3, 16), transform=path)])
 
 
@@ -218,7 +218,14 @@ def test_strength_of_zero_changes_nothing(launcher):
     """Passes of strength 0, forced into the plan, give the same bits as a plan without them."""
     scene = lively(vorticity=0.0, density_dissipation=0.0, temperature_cooling=0.0)
     (plan,) = make_plan(scene).domains
-    effects = ("confine_vorticity", "diffuse_velocity", "diffuse_density", "dissipate_density", "cool_temperature")
+    effects = (
+        "blow_wind",
+        "confine_vorticity",
+        "diffuse_velocity",
+        "diffuse_density",
+        "dissipate_density",
+        "cool_temperature",
+    )
     assert not set(effects) & set(plan.passes)
     one, _ = run(launcher, scene)
     two, _ = run(launcher, scene, passes=plan.passes + effects)
@@ -231,6 +238,7 @@ KERNELS = {
     "confine_vorticity": ({"_measure_vorticity", "_confine", "_measure_work"}, lively(vorticity=0.0)),
     "add_buoyancy": ({"_accelerate"}, lively(buoyancy_density=0.0, buoyancy_temperature=0.0, vorticity=0.0)),
     "emit_velocity": ({"_push"}, plume()),
+    "blow_wind": ({"_let_in"}, lively()),
     "diffuse_velocity": ({"_sweep_faces"}, lively()),
     "diffuse_density": ({"_sweep_cells"}, lively()),
     "dissipate_density": ({"_decay"}, lively(density_dissipation=0.0, temperature_cooling=0.0)),

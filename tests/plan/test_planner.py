@@ -65,6 +65,7 @@ def test_order_follows_the_data():
     ("change", "name"),
     [
         ({"vorticity": 0.5}, "confine_vorticity"),
+        ({"wind": (0.0, 0.0, 1.0)}, "blow_wind"),
         ({"viscosity": 0.5}, "diffuse_velocity"),
         ({"density_diffusion": 0.5}, "diffuse_density"),
         ({"density_dissipation": 0.5}, "dissipate_density"),

@@ -110,6 +110,7 @@ domain_fields = optional(
     ambient_temperature=numbers(),
     vorticity=not_negative,
     viscosity=not_negative,
+    wind=vectors(3, numbers()),
     density_diffusion=not_negative,
     density_dissipation=not_negative,
     temperature_cooling=not_negative,

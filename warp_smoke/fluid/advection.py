@@ -4,8 +4,8 @@ J. Stam, *Stable Fluids*, 1999 (semi-Lagrangian); A. Selle, R. Fedkiw, B. Kim, Y
 Unconditionally Stable MacCormack Method*, 2008 (with its two ways to keep the result within range).
 
 Density and temperature that come in through an open side have ambient values: beyond it lies one layer of ambient
-cells. Velocity there goes on as on the side. Through a closed side nothing comes: traces end on it, and between it and
-the first cell centre a field is constant.
+cells. Velocity there is that of the wind or, without wind, goes on as on the side. Through a closed side nothing comes:
+traces end on it, and between it and the first cell centre a field is constant.
 """
 
 from math import prod, sqrt
@@ -302,11 +302,21 @@ class SemiLagrangian:
         if self._boundary:
             self._boundary.stop(self._back, self._back)
 
-    def advect_velocity(self, velocity: tuple) -> tuple:
-        """Carries u, v, w; returns them in other arrays, and keeps the given ones for the next time."""
+    def advect_velocity(self, velocity: tuple, wind: tuple[float, float, float] | None = None) -> tuple:
+        """Carries u, v, w; returns them in other arrays, and keeps the given ones for the next time.
+
+        Args:
+            velocity: u, v, w on faces [m/s].
+            wind: velocity beyond open sides, along the lattice's axes [m/s]; None = it goes on as on the side.
+        """
+        if wind is None:
+            return tuple(
+                self._advect(faces, component, faces.clamped, 0.0)
+                for faces, component in zip(self._faces, velocity, strict=True)
+            )
         return tuple(
-            self._advect(faces, component, faces.clamped, 0.0)
-            for faces, component in zip(self._faces, velocity, strict=True)
+            self._advect(faces, component, faces.limits, speed)
+            for faces, component, speed in zip(self._faces, velocity, wind, strict=True)
         )
 
     def advect_scalar(self, scalar: wp.array, ambient: float) -> wp.array:

@@ -28,6 +28,7 @@ from warp_smoke.fluid.pressure import PRESSURE_SOLVERS, PressureProblem, Pressur
 from warp_smoke.fluid.solid_boundary import SolidBoundary
 from warp_smoke.fluid.state import make_state
 from warp_smoke.fluid.vorticity import VorticityConfinement
+from warp_smoke.fluid.wind import Wind
 from warp_smoke.launch import Launcher
 from warp_smoke.timing import Timings
 
@@ -91,6 +92,12 @@ class SmokeSolver:
             self._divergence = launcher.zeros(shape, "divergence")
             self._advection = ADVECTION_SCHEMES[plan.advection](launcher, shape, sides, self._boundary)
             self._measures = Measures(launcher, shape)
+        if self._has("fit_active_box"):
+            gives = [(each_value(e.density), each_value(e.temperature)) for e in plan.emitters]
+            self._density = max(float(np.max(density)) for density, _ in gives)
+            self._heat = max(float(np.abs(heat - plan.domain.ambient_temperature).max()) for _, heat in gives)
+        windy = self._has("blow_wind") and any(plan.domain.wind)
+        self._wind = Wind(launcher, plan.lattice, plan.domain.wind) if windy else None
         if self._has("add_buoyancy"):
             self._buoyancy = Buoyancy(launcher, shape, sides, plan.lattice.up)
         if self._has("confine_vorticity"):
@@ -107,12 +114,16 @@ class SmokeSolver:
         return name in self._passes
 
     def begin(self, time: float) -> None:
-        """Makes the first frame: still air, and what the emitters hold.
+        """Makes the first frame: air at rest or in the wind, and what the emitters hold.
 
         Args:
             time: time code.
         """
         self._place_colliders(time, time, 0.0)
+        if self._wind:
+            with self._timings.measure("blow_wind"):
+                self._wind.fill(self.state.velocity)
+            self._project_pressure()
         self._emit(time, time, 0.0)
         if self.solids:
             self._boundary.empty(self.state.density, 0.0)
@@ -277,7 +288,7 @@ class SmokeSolver:
         """Carries all fields along the velocity; returns the Courant number, and the largest speed that is left."""
         domain, state, advection, timings = self._domain, self.state, self._advection, self._timings
         speed, energy = self._motion("project_pressure")
-        courant = speed * dt / self._lattice.h
+        courant, wind = speed * dt / self._lattice.h, self._wind
         parts = max(1, ceil(min(courant / domain.max_courant, _MAX_STEPS) * (1.0 - _ROUND_OFF)))
         with timings.measure("advect_velocity"):
             if self._boundary:
@@ -285,7 +296,10 @@ class SmokeSolver:
             advection.trace(state.velocity, dt / parts / self._lattice.h)
         for _ in range(parts):
             with timings.measure("advect_velocity"):
-                state.velocity = advection.advect_velocity(state.velocity)
+                state.velocity = advection.advect_velocity(state.velocity, wind.velocity if wind else None)
+            if wind:
+                with timings.measure("blow_wind"):
+                    wind.let_in(state.velocity)
             with timings.measure("advect_density"):
                 state.density = advection.advect_scalar(state.density, 0.0)
             if self._has("advect_temperature"):
@@ -296,7 +310,7 @@ class SmokeSolver:
                 self.solids.apply(state.velocity)
         speed, left = self._motion("advect_velocity")
         with timings.measure("advect_velocity"):
-            limit_energy(self._launcher, state.velocity, left, energy)
+            limit_energy(self._launcher, state.velocity, left, energy + (wind.energy_let_in(courant) if wind else 0.0))
         state.energy_lost = max(0.0, energy - left)
         return courant / parts, speed
 

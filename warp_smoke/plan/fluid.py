@@ -31,8 +31,9 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
     has_heat = buoyant_by_heat or "temperature" in domain.grids
     pushing = [e for e in emitters if np.any(each_value(e.velocity)) or (e.inherit_velocity and is_moving(e))]
     stirring = [c for c in colliders if is_moving(c)]
-    flows = bool(buoyant_by_heat or buoyant_by_weight or pushing or stirring)
-    still = "nothing moves the air: no buoyancy, no emitter that pushes, no moving collider"
+    windy = any(domain.wind) and "open" in lattice.sides
+    flows = bool(buoyant_by_heat or buoyant_by_weight or pushing or stirring or windy)
+    still = "nothing moves the air: no buoyancy, no wind, no emitter that pushes, no moving collider"
     cold = "no buoyancy reads it and it is not exported"
 
     kept = []
@@ -52,6 +53,9 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
         makes="solid cells",
         when=When.SUBSTEP if stirring else When.ONCE,
     )
+    why = f"wind is ({', '.join(f'{x:g}' for x in domain.wind)}) m/s"
+    why_not = "no side is open for the wind to come in" if any(domain.wind) else "wind is 0"
+    choose("blow_wind", windy, why, why_not, makes="velocity")
     choose("emit_density", True, f"{_paths(emitters)} makes smoke", "", makes="density")
     asks = "buoyancy reads it" if buoyant_by_heat else "it is among the exported grids"
     choose("emit_temperature", has_heat, asks, cold, makes="temperature")

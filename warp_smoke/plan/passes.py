@@ -11,6 +11,7 @@ from warp_smoke.scene import Collider, Emitter, Light, Scene, SmokeDomain, Surfa
 # Fluid first, then what reads its density; inside each group as a step runs.
 PASS_NAMES = (
     "voxelize_colliders",
+    "blow_wind",
     "emit_density",
     "emit_temperature",
     "emit_velocity",
