@@ -38,6 +38,7 @@ def test_whole_scene():
         "emit_density",
         "emit_temperature",
         "add_buoyancy",
+        "fit_active_box",
         "project_pressure",
         "advect_velocity",
         "advect_density",
@@ -290,3 +291,30 @@ def test_light_linking():
     only_smoke = plan(shadowed_by=("/World/Smoke",))
     assert "smoke_transmittance" in kept(only_smoke)
     assert "surface_visibility" not in kept(only_smoke)
+
+
+def test_empty_faces_of_a_cube_map_are_named():
+    """A lamp above a cube on the floor: of six faces only the one below holds both, and the plan says why not."""
+    cube = ws.Surface(path="/World/Cube", mesh=ws.Mesh.box(0.5), transform=at(0.2, 0.5, 0))
+    lamp = ws.PointLight(path="/World/Lamp", transform=at(0, 3, 0))
+    plan = ws.make_plan(ws.Scene(surfaces=[floor(), cube], lights=[lamp], end=1))
+    faces = {subjects[1] for subjects in reasons(plan, "trace_shadow_map")}
+    assert faces == {"+X", "-X", "+Y", "+Z", "-Z"}
+
+
+@pytest.mark.parametrize(
+    ("light", "method"),
+    [
+        (ws.PointLight(path="/World/L", transform=at(0, 3, 0)), "cube"),
+        (ws.SpotLight(path="/World/L", transform=shining((0, -1, 0)) @ at(0, 3, 0), cone_angle=40.0), "spot"),
+        (ws.SpotLight(path="/World/L", transform=shining((0, -1, 0)) @ at(0, 3, 0), cone_angle=70.0), "cube"),
+        (ws.DistantLight(path="/World/L", transform=shining((0, -1, 0))), "directional"),
+        (ws.DistantLight(path="/World/L", transform=shining((0, -1, 0)), shadow_filter="area"), "area"),
+    ],
+)
+def test_each_light_has_its_kind_of_map(light, method):
+    """Point, spot and distant lights each have their map; rays need none."""
+    cube = ws.Surface(path="/World/Cube", mesh=ws.Mesh.box(0.5), transform=at(0.2, 0.5, 0))
+    plan = ws.make_plan(ws.Scene(surfaces=[floor(), cube], lights=[light], end=1))
+    assert plan.receivers[0].lights[0].surface_shadow == method
+    assert ("trace_shadow_map" in kept(plan)) == (method != "area")
