@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from warp_smoke.fluid.grid import all_cells
 from warp_smoke.fluid.trace import trace_ahead, trace_back, trace_limits
 
 SHAPE = (16, 17, 18)
@@ -29,8 +30,8 @@ def _turned(points: np.ndarray, angle: float) -> np.ndarray:
 def _traces(launcher, velocity, step, limits):
     """Displacements backwards and forwards of every cell, each [n, 3]."""
     back, ahead = ([launcher.zeros(SHAPE, "test") for _ in range(3)] for _ in range(2))
-    trace_back(launcher, velocity, step, limits, back)
-    trace_ahead(launcher, velocity, step, limits, back, ahead)
+    trace_back(launcher, all_cells(SHAPE), velocity, step, limits, back)
+    trace_ahead(launcher, all_cells(SHAPE), velocity, step, limits, back, ahead)
     return [np.stack([along.numpy().ravel() for along in both], axis=1) for both in (back, ahead)]
 
 

@@ -12,7 +12,19 @@ from math import prod, sqrt
 
 import warp as wp
 
-from warp_smoke.fluid.grid import Block, Patch, all_cells, beside, face_shape, inner_faces, side_faces_from_within
+from warp_smoke.fluid.grid import (
+    Block,
+    Box,
+    Patch,
+    all_cells,
+    around,
+    beside,
+    box_of,
+    face_shape,
+    inner_faces,
+    patch_of,
+    side_faces_from_within,
+)
 from warp_smoke.fluid.interpolation import blend, corners, fraction, greater, lesser, sample, settle, within
 from warp_smoke.fluid.solid_boundary import SolidBoundary
 from warp_smoke.fluid.trace import trace_ahead, trace_back, trace_limits
@@ -244,18 +256,30 @@ class _Samples:
 
     Attributes:
         shape: of the field.
-        carried: the samples that are carried; faces on the domain's sides are not.
+        carried: the samples that are carried: those between cells that are active; faces on the domain's sides are not.
+        kept: the others within the domain, which stay as they are.
         continued: faces on open sides, which go on as the next face inside.
+        thin: whether there is no face inside, in a domain one cell thick.
         clamped: first and last sample along each axis, lower and upper.
         limits: the same, but one sample farther out on open sides.
     """
 
     def __init__(self, shape: tuple[int, int, int], sides: tuple[str, ...], carried: Patch, continued: list[Patch]):
-        self.shape, self.carried, self.continued = shape, carried, continued
+        self.shape, self.continued = shape, continued
+        self.carried, self.kept, self._inside, self.thin = carried, [], carried, 0 in carried.shape
         last = [n - 1 for n in shape]
         out = [int(side == "open") for side in sides]
         self.clamped = wp.vec3(0.0, 0.0, 0.0), wp.vec3(*last)
         self.limits = wp.vec3(*(-n for n in out[0::2])), wp.vec3(*(n + m for n, m in zip(last, out[1::2], strict=True)))
+
+    def activate(self, cells: Box) -> None:
+        """Carries those samples alone that lie in a box of cells, or between two of them."""
+        inside, before = box_of(self._inside), tuple(self._inside.block.before)
+        lower = tuple(max(a, b + step) for a, b, step in zip(inside.lower, cells.lower, before, strict=True))
+        upper = (max(a, min(b, c)) for a, b, c in zip(lower, inside.upper, cells.upper, strict=True))
+        active = Box(lower, tuple(upper))
+        self.carried = patch_of(active, self._inside)
+        self.kept = [patch_of(box, all_cells(self.shape)) for box in around(active, inside)]
 
 
 class SemiLagrangian:
@@ -278,6 +302,7 @@ class SemiLagrangian:
         """
         self._launcher, self._boundary = launcher, boundary
         self._trace_limits = trace_limits(shape, sides)
+        self._air, self._traced = box_of(all_cells(shape)), all_cells(shape)
         self._cells = _Samples(shape, sides, all_cells(shape), [])
         self._faces = tuple(
             _Samples(
@@ -291,6 +316,25 @@ class SemiLagrangian:
     def _zeros(self, shapes: list) -> list:
         return [self._launcher.zeros(shape, "advection") for shape in shapes]
 
+    def activate(self, air: Box, smoke: Box) -> None:
+        """Carries velocity in one box and scalars in another inside of it; elsewhere they stay as they are.
+
+        Args:
+            air: cells in which velocity is carried.
+            smoke: cells in which scalars are.
+        """
+        self._cells.activate(smoke)
+        if air != self._air:
+            self._air, self._traced = air, patch_of(air, self._traced)
+            for faces in self._faces:
+                faces.activate(air)
+            for displacement in self._displacements():
+                displacement.zero_()
+
+    def _displacements(self) -> list:
+        """Of the traces, 0 where velocity is not carried."""
+        return self._back
+
     def trace(self, velocity: tuple, step: float) -> None:
         """Traces through one step; what is advected next follows these traces.
 
@@ -298,7 +342,7 @@ class SemiLagrangian:
             velocity: u, v, w on faces [m/s].
             step: dt / h [s/m].
         """
-        trace_back(self._launcher, velocity, step, self._trace_limits, self._back)
+        trace_back(self._launcher, self._traced, velocity, step, self._trace_limits, self._back)
         if self._boundary:
             self._boundary.stop(self._back, self._back)
 
@@ -338,13 +382,18 @@ class SemiLagrangian:
 
     def _carry(self, samples: _Samples, field: wp.array, limits: tuple, ambient: float, new: wp.array) -> None:
         shape, block = samples.carried
+        self._keep(samples, field, new)
         self._launcher.launch(_sample_back, shape, block, *self._back, field, *limits, ambient, new)
         if self._boundary and samples is self._cells:
             self._boundary.sample(self._back, field, limits, ambient, (new, new, new))
 
+    def _keep(self, samples: _Samples, field: wp.array, new: wp.array) -> None:
+        for shape, block in samples.kept:
+            self._launcher.launch(_copy, shape, block, field, new)
+
     def _continue(self, samples: _Samples, field: wp.array, new: wp.array) -> None:
         # In a domain one cell thick there is no next face inside; those on its sides keep their velocity.
-        source = field if 0 in samples.carried.shape else new
+        source = field if samples.thin else new
         for shape, block in samples.continued:
             self._launcher.launch(_copy, shape, block, source, new)
 
@@ -372,15 +421,20 @@ class MacCormack(SemiLagrangian):
             samples: [each[: prod(samples.shape)].reshape(samples.shape) for each in bounds] for samples in self._spare
         }
 
+    def _displacements(self) -> list:
+        return [*self._back, *self._ahead]
+
     def trace(self, velocity: tuple, step: float) -> None:
         """Traces through one step both ways."""
-        trace_back(self._launcher, velocity, step, self._trace_limits, self._back)
-        trace_ahead(self._launcher, velocity, step, self._trace_limits, self._back, self._ahead)
+        trace_back(self._launcher, self._traced, velocity, step, self._trace_limits, self._back)
+        trace_ahead(self._launcher, self._traced, velocity, step, self._trace_limits, self._back, self._ahead)
         if self._boundary:
             self._boundary.stop(self._back, self._ahead)
 
     def _carry(self, samples: _Samples, field: wp.array, limits: tuple, ambient: float, new: wp.array) -> None:
         (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
+        self._keep(samples, field, guess)
+        self._keep(samples, field, new)
         self._launcher.launch(_guess, shape, block, *self._back, field, *limits, ambient, guess, *bounds)
         if self._boundary and samples is self._cells:
             self._boundary.sample(self._back, field, limits, ambient, (guess, *bounds))

@@ -42,6 +42,13 @@ def beside(a: wp.array3d[float], offset: wp.vec3i):
     return wp.array(ptr=start, shape=(a.shape[0], a.shape[1], a.shape[2]), dtype=float)
 
 
+class Box(NamedTuple):
+    """Samples from `lower` up to and without `upper`, each (i, j, k)."""
+
+    lower: tuple[int, int, int]
+    upper: tuple[int, int, int]
+
+
 class Patch(NamedTuple):
     """A block and its size, for `Launcher.launch`."""
 
@@ -91,6 +98,33 @@ def side_faces_from_within(shape: tuple[int, int, int], sides: tuple[str, ...], 
         offset = tuple(-inwards * step * (shape[axis] > 1) for step in _unit(axis))
         patches.append(make_patch(first, count, offset, offset))
     return patches
+
+
+def patch_of(box: Box, like: Patch) -> Patch:
+    """The samples in a box, with the same cells beside them as in another patch."""
+    shape = tuple(max(high - low, 0) for low, high in zip(*box, strict=True))
+    return make_patch(box.lower, shape, like.block.before, like.block.after)
+
+
+def box_of(patch: Patch) -> Box:
+    """The samples of a patch."""
+    lower = tuple(patch.block.first)
+    return Box(lower, tuple(low + n for low, n in zip(lower, patch.shape, strict=True)))
+
+
+def around(inner: Box, outer: Box) -> list[Box]:
+    """What is in a box but not in one inside of it, in up to six boxes."""
+    boxes, (lower, upper) = [], outer
+    for axis in range(3):
+        for low, high in ((lower[axis], inner.lower[axis]), (inner.upper[axis], upper[axis])):
+            if low < high:
+                boxes.append(Box(_with(lower, axis, low), _with(upper, axis, high)))
+        lower, upper = _with(lower, axis, inner.lower[axis]), _with(upper, axis, inner.upper[axis])
+    return boxes
+
+
+def _with(index: tuple, axis: int, value: int) -> tuple[int, int, int]:
+    return (*index[:axis], value, *index[axis + 1 :])
 
 
 def _unit(axis: int) -> tuple[int, int, int]:

@@ -4,14 +4,18 @@ Each launch item covers a block of rows and sums it into one line along k, which
 lines. Sums are in float64 and have one order, so they are the same for any number of threads.
 """
 
+import numpy as np
 import warp as wp
 
+from warp_smoke.fluid.grid import Box
 from warp_smoke.fluid.interpolation import greater
 from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
 
-_ROWS = wp.constant(16)
+# Departures from ambient below this share of a typical one are next to nothing.
+_FAINT = 1e-4
+_ROWS = wp.constant(8)
 
 
 @wp.func
@@ -148,7 +152,7 @@ class Measures:
             launcher: where it runs.
             shape: cells along each axis (nx, ny, nz).
         """
-        self._launcher = launcher
+        self._launcher, self._shape = launcher, shape
         self._lines = shape[0], -(-shape[1] // _ROWS), shape[2]
         self._largest = launcher.zeros(self._lines, "measures")
         self._sums = [launcher.zeros(self._lines, "measures", wp.float64) for _ in range(2)]
@@ -173,6 +177,41 @@ class Measures:
         """
         self._launcher.launch(_measure_departure, self._lines, scalar, ambient, self._largest)
         return float(self._largest.numpy().max())
+
+    def fast_air(self, share: float) -> Box | None:
+        """The air that was faster than a share of the fastest when its motion was measured last; None if it stood.
+
+        The box is exact along i and k, and reaches over whole blocks of rows along j.
+
+        Args:
+            share: of the largest |component|.
+        """
+        speed = self._largest.numpy()
+        return self._box(speed > share * speed.max())
+
+    def departed(self, scalar: wp.array, ambient: float, typical: float) -> Box | None:
+        """Where a field departs from ambient by more than a ten-thousandth of what is typical; None if nowhere.
+
+        The box is exact along i and k, and reaches over whole blocks of rows along j.
+
+        Args:
+            scalar: a, [nx, ny, nz].
+            ambient: its value outside.
+            typical: departure; the largest one if that is less.
+        """
+        most = self.departure(scalar, ambient)
+        return self._box(self._largest.numpy() > _FAINT * min(typical, most))
+
+    def _box(self, found: np.ndarray) -> Box | None:
+        """The cells of the lines that are found."""
+        if not found.any():
+            return None
+        lower, upper = [], []
+        for axis, (count, rows) in enumerate(zip(self._shape, (1, _ROWS, 1), strict=True)):
+            lines = np.flatnonzero(found.any(axis=tuple(other for other in range(3) if other != axis)))
+            lower.append(int(lines[0]) * rows)
+            upper.append(min((int(lines[-1]) + 1) * rows, count))
+        return Box(tuple(lower), tuple(upper))
 
     def work(self, velocity: tuple, force: tuple) -> tuple[float, float]:
         """Σ f · u and Σ |f|² over the cells, u the mean of each cell's faces.

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field, replace
 from math import ceil, isfinite, sqrt
 from typing import TYPE_CHECKING
 
+import numpy as np
 import warp as wp
 
+from warp_smoke.fluid.active_box import FAST, fit_boxes, hull
 from warp_smoke.fluid.advection import ADVECTION_SCHEMES, limit_energy
 from warp_smoke.fluid.colliders import Solids
 from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffusion_number
@@ -30,6 +32,7 @@ from warp_smoke.fluid.state import make_state
 from warp_smoke.fluid.vorticity import VorticityConfinement
 from warp_smoke.fluid.wind import Wind
 from warp_smoke.launch import Launcher
+from warp_smoke.record import each_value
 from warp_smoke.timing import Timings
 
 if TYPE_CHECKING:
@@ -290,6 +293,7 @@ class SmokeSolver:
         speed, energy = self._motion("project_pressure")
         courant, wind = speed * dt / self._lattice.h, self._wind
         parts = max(1, ceil(min(courant / domain.max_courant, _MAX_STEPS) * (1.0 - _ROUND_OFF)))
+        self._fit_active_box(courant)
         with timings.measure("advect_velocity"):
             if self._boundary:
                 self._boundary.extend(state.velocity)
@@ -313,6 +317,19 @@ class SmokeSolver:
             limit_energy(self._launcher, state.velocity, left, energy + (wind.energy_let_in(courant) if wind else 0.0))
         state.energy_lost = max(0.0, energy - left)
         return courant / parts, speed
+
+    def _fit_active_box(self, courant: float) -> None:
+        """Carries what moves, and nothing else; follows `_motion`."""
+        if not self._has("fit_active_box"):
+            return
+        state, measures = self.state, self._measures
+        with self._timings.measure("fit_active_box"):
+            fast = measures.fast_air(FAST)
+            smoke = measures.departed(state.density, 0.0, self._density)
+            if self._has("advect_temperature"):
+                heat = measures.departed(state.temperature, self._domain.ambient_temperature, self._heat)
+                smoke = hull((smoke, heat))
+            self._advection.activate(*fit_boxes(smoke, fast, courant, self._lattice.shape))
 
     def _dissipate(self, dt: float) -> None:
         domain, state = self._domain, self.state

@@ -6,6 +6,7 @@ centre; all fields share them.
 
 import warp as wp
 
+from warp_smoke.fluid.grid import Block, Patch
 from warp_smoke.fluid.interpolation import sample, within
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
@@ -15,6 +16,7 @@ wp.set_module_options({"enable_backward": False})
 @wp.kernel
 def _trace_back(
     rows: Rows,
+    block: Block,
     u: wp.array3d[float],
     v: wp.array3d[float],
     w: wp.array3d[float],
@@ -27,7 +29,8 @@ def _trace_back(
 ):
     """Midpoint rule: d = −s u(x − ½ s u(x)), s = dt / h, and x + d kept within [lower, upper]."""
     i, j, c = wp.tid()
-    i += rows.first
+    i += rows.first + block.first[0]
+    j += block.first[1]
     fu = dense(u)
     fv = dense(v)
     fw = dense(w)
@@ -40,8 +43,8 @@ def _trace_back(
     x = float(i)
     y = float(j)
     quarter = 0.25 * step
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, dx_out.shape[2])
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
     while k < end:
         z = float(k)
         mx = x - quarter * (fu[i, j, k] + fu[i + 1, j, k])
@@ -62,6 +65,7 @@ def _trace_back(
 @wp.kernel
 def _trace_ahead(
     rows: Rows,
+    block: Block,
     u: wp.array3d[float],
     v: wp.array3d[float],
     w: wp.array3d[float],
@@ -81,7 +85,8 @@ def _trace_ahead(
     their difference is 2 s u.
     """
     i, j, c = wp.tid()
-    i += rows.first
+    i += rows.first + block.first[0]
+    j += block.first[1]
     fu = dense(u)
     fv = dense(v)
     fw = dense(w)
@@ -93,8 +98,8 @@ def _trace_ahead(
     ez = dense_store(ez_out)
     x = float(i)
     y = float(j)
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, ex_out.shape[2])
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
     while k < end:
         z = float(k)
         ax = bx[i, j, k] + step * (fu[i, j, k] + fu[i + 1, j, k])
@@ -114,22 +119,29 @@ def trace_limits(shape: tuple[int, int, int], sides: tuple[str, ...]) -> tuple[w
 
 
 def trace_back(
-    launcher: Launcher, velocity: tuple, step: float, limits: tuple[wp.vec3, wp.vec3], displacement: tuple
+    launcher: Launcher,
+    cells: Patch,
+    velocity: tuple,
+    step: float,
+    limits: tuple[wp.vec3, wp.vec3],
+    displacement: tuple,
 ) -> None:
     """Traces from each cell's centre to where its smoke was one step ago.
 
     Args:
         launcher: where it runs.
+        cells: those to trace from.
         velocity: u, v, w on faces [m/s].
         step: dt / h [s/m].
         limits: where traces end, see `trace_limits`.
         displacement: along x, y, z, each [nx, ny, nz] [cells], written.
     """
-    launcher.launch(_trace_back, displacement[0].shape, *velocity, step, *limits, *displacement)
+    launcher.launch(_trace_back, *cells, *velocity, step, *limits, *displacement)
 
 
 def trace_ahead(
     launcher: Launcher,
+    cells: Patch,
     velocity: tuple,
     step: float,
     limits: tuple[wp.vec3, wp.vec3],
@@ -140,10 +152,11 @@ def trace_ahead(
 
     Args:
         launcher: where it runs.
+        cells: those to trace from.
         velocity: u, v, w on faces [m/s].
         step: dt / h [s/m].
         limits: where traces end, see `trace_limits`.
         backwards: what `trace_back` made of the same velocity.
         displacement: along x, y, z, each [nx, ny, nz] [cells], written.
     """
-    launcher.launch(_trace_ahead, displacement[0].shape, *velocity, step, *limits, *backwards, *displacement)
+    launcher.launch(_trace_ahead, *cells, *velocity, step, *limits, *backwards, *displacement)

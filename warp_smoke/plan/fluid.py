@@ -75,6 +75,9 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
     choose("diffuse_velocity", flows and domain.viscosity, why, why_not, makes="velocity", method=diffusion_solver)
     why = f"air keeps its volume; {solver_why}"
     choose("project_pressure", flows, why, still, makes="velocity without divergence", method=solver)
+    why = "air and smoke are carried where there is smoke or fast air, and around it, and nowhere else"
+    why_not = still if domain.active_box else "activeBox is false"
+    choose("fit_active_box", flows and domain.active_box, why, why_not, makes="cells that are active")
     choose("advect_velocity", flows, "air carries its own motion along", still, makes="velocity", method=scheme)
     choose("advect_density", flows, "air carries smoke along", still, makes="density", method=scheme)
     why, why_not = "air carries heat along", still if has_heat else cold

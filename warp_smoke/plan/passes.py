@@ -19,6 +19,7 @@ PASS_NAMES = (
     "confine_vorticity",
     "diffuse_velocity",
     "project_pressure",
+    "fit_active_box",
     "advect_velocity",
     "advect_density",
     "advect_temperature",

@@ -1,0 +1,55 @@
+"""The active box: the part of a domain in which smoke and air are carried along.
+
+Scalars are ambient outside of the smoke, so nothing is lost where they are not carried. Air that is far from the smoke
+and slow next to the fastest flows without swirls, u = ∇φ; there advection changes velocity by the gradient ∇½|u|²,
+which the pressure takes out again, so it may be left out. Forces and pressure act in the whole domain: pressure reaches
+far, and closing it off at a box around the smoke would change the flow inside.
+"""
+
+from collections.abc import Iterable
+from math import ceil
+
+from warp_smoke.fluid.grid import Box
+
+# Air that is faster than this share of the fastest always moves along.
+FAST = 0.25
+# Cells that the box reaches beyond smoke and fast air: at least, and as a share of their smallest extent.
+_LEAST_MARGIN, _MARGIN = 4, 0.5
+# Cells that samples reach beyond the end of their trace.
+_STENCIL = 2
+_ALIGNMENT = 8
+
+
+def hull(boxes: Iterable[Box | None]) -> Box | None:
+    """The smallest box around several; None if there are none."""
+    some = [box for box in boxes if box is not None]
+    if not some:
+        return None
+    lowers, uppers = zip(*some, strict=True)
+    return Box(tuple(map(min, zip(*lowers, strict=True))), tuple(map(max, zip(*uppers, strict=True))))
+
+
+def fit_boxes(smoke: Box | None, fast: Box | None, courant: float, shape: tuple[int, int, int]) -> tuple[Box, Box]:
+    """The cells in which velocity is carried, and those in which scalars are.
+
+    Args:
+        smoke: cells that hold smoke or heat, or None.
+        fast: cells with fast air, or None.
+        courant: cells that anything moves in the step, at most.
+        shape: cells of the domain along each axis (nx, ny, nz).
+    """
+    empty = Box((0, 0, 0), (0, 0, 0))
+    core = hull((smoke, fast))
+    if core is None:
+        return empty, empty
+    reach = ceil(min(courant, max(shape)))
+    extent = min(high - low for low, high in zip(*core, strict=True))
+    air = _grow(core, reach + max(_LEAST_MARGIN, ceil(_MARGIN * extent)), shape)
+    return air, empty if smoke is None else _grow(smoke, reach + _STENCIL, shape)
+
+
+def _grow(box: Box, cells: int, shape: tuple[int, int, int]) -> Box:
+    """The box with so many cells added on each side, and then up to whole multiples of the alignment."""
+    lower = (max((low - cells) // _ALIGNMENT * _ALIGNMENT, 0) for low in box.lower)
+    upper = (-(-(high + cells) // _ALIGNMENT) * _ALIGNMENT for high in box.upper)
+    return Box(tuple(lower), tuple(map(min, upper, shape)))
