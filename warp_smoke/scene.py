@@ -204,7 +204,7 @@ class Emitter(Prim):
         mesh: its shape, in local space; points are small spheres.
         density, temperature: of the smoke it makes; may change.
         rate: [1/s], smoke of `density` added each second; None = the values are held inside the mesh; may change.
-        velocity: [m/s] along the stage's axes, given to the smoke; may change.
+        velocity: [m/s] along the stage's axes, given to air that is slower that way; may change.
         inherit_velocity: share of the emitter's own motion given to the smoke.
         enabled: may change.
     """

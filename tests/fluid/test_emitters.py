@@ -156,6 +156,36 @@ def test_velocity_follows_the_lattice(launcher):
     np.testing.assert_allclose(u[5:13, 8, 8], [0, 1, 2, 2, 2, 1, 0, 0], atol=SHARE)
 
 
+def test_velocity_is_held_in_its_own_direction(launcher, upload):
+    """Each component replaces what is slower that way or moves the other way; 0 changes nothing; twice is once."""
+    before = np.array([-3.0, -1.0, 0.0, 0.5, 1.0, 2.0, 4.0, 0.0], np.float32)
+    values = [np.resize(before, face_shape((N, N, N), axis)).astype(np.float32) for axis in range(3)]
+    velocity = tuple(upload(each) for each in values)
+    source = _source(launcher, mesh=Mesh.box(4.0), velocity=(1.0, 0.0, -2.0))
+    (interval,) = source.sweep(1.0, 2.0, 0.5)
+    source.place(interval)
+    inside = (slice(1, -1),) * 3  # faces on the sides are half outside
+    for _ in range(2):
+        source.emit_velocity(interval, velocity)
+        u, v, w = (component.numpy() for component in velocity)
+        np.testing.assert_array_equal(u[inside], np.maximum(values[0], 1.0)[inside])
+        np.testing.assert_array_equal(v, values[1])
+        np.testing.assert_array_equal(w[inside], np.minimum(values[2], -2.0)[inside])
+
+
+def test_moving_emitter_lets_its_smoke_rise(launcher, upload):
+    """An emitter that moves along x alone leaves what has begun to rise inside it as it is."""
+    path = Samples([1.0, 2.0], [_moved(0, 0, 0), _moved(0.1, 0, 0)])
+    rising = np.full(face_shape((N, N, N), 1), 0.7, np.float32)
+    velocity = tuple(upload(np.zeros(face_shape((N, N, N), axis)) if axis != 1 else rising) for axis in range(3))
+    source = _source(launcher, transform=path)
+    (interval,) = source.sweep(1.0, 2.0, 0.5)
+    source.place(interval)
+    source.emit_velocity(interval, velocity)
+    np.testing.assert_array_equal(velocity[1].numpy(), rising)
+    assert velocity[0].numpy()[6, 6, 6] == pytest.approx(0.2, rel=1e-4)
+
+
 def test_motion_is_inherited(launcher):
     """Air inside gets the emitter's own velocity plus its share of the motion, metres per second of smoke."""
     path = Samples([1.0, 2.0], [_moved(0, 0, 0), _moved(0.1, 0, -0.05)])  # less than a cell

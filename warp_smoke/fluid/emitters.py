@@ -1,8 +1,9 @@
 """Emitters: meshes and points that hold density, temperature and velocity inside themselves, or add density at a rate.
 
 A cell counts by the share f of it that is inside. A held value e acts as ambient + f (e − ambient) where that departs
-further from ambient than what is there, so emitting twice is the same as once. A rate adds rate · dt · density · f,
-with Σ f made the emitter's own volume: the mass is the same for any number of substeps.
+further from ambient than what is there, so emitting twice is the same as once. So does each component of a velocity,
+where the air is slower that way or moves the other way: what has become faster, as by buoyancy, stays so. A rate adds
+rate · dt · density · f, with Σ f made the emitter's own volume: the mass is the same for any number of substeps.
 """
 
 from itertools import pairwise
@@ -69,6 +70,12 @@ def _inside(a: wp.array3d[float], i: int, j: int, k: int):
     return value
 
 
+@wp.func
+def _farther(given: float, u: float):
+    """The velocity given, or u where that moves the same way at least as fast."""
+    return wp.where(given > 0.0, wp.max(u, given), wp.where(given < 0.0, wp.min(u, given), u))
+
+
 @wp.kernel
 def _push(
     rows: Rows,
@@ -78,7 +85,7 @@ def _push(
     velocity: float,
     u_inout: wp.array3d[float],
 ):
-    """Blend: u += ½ (f₋ + f₊) (velocity − u), f₋ and f₊ in the cells beside the face, 0 outside of the box."""
+    """Hold: u = ½ (f₋ + f₊) velocity where that is farther on in its own direction, f₋ and f₊ in the cells beside."""
     i, j, c = wp.tid()
     i += rows.first + faces.first[0]
     j += faces.first[1]
@@ -88,7 +95,7 @@ def _push(
         before = _inside(fraction, i - faces.before[0], j - faces.before[1], k - faces.before[2])
         share = 0.5 * (before + _inside(fraction, i, j, k))
         u = u_inout[lower[0] + i, lower[1] + j, lower[2] + k]
-        u_inout[lower[0] + i, lower[1] + j, lower[2] + k] = u + share * (velocity - u)
+        u_inout[lower[0] + i, lower[1] + j, lower[2] + k] = _farther(share * velocity, u)
         k += 1
 
 
@@ -100,9 +107,10 @@ def _drag(
     fraction: wp.array3d[float],
     surface: wp.array3d[float],
     inherit: float,
+    velocity: float,
     u_inout: wp.array3d[float],
 ):
-    """Addition: u += ½ inherit (f₋ s₋ + f₊ s₊), s the surface's velocity."""
+    """Like `_push` with ½ Σ f (velocity + inherit s) over the cells beside the face, s the surface's velocity."""
     i, j, c = wp.tid()
     i += rows.first + faces.first[0]
     j += faces.first[1]
@@ -112,10 +120,10 @@ def _drag(
         x = i - faces.before[0]
         y = j - faces.before[1]
         z = k - faces.before[2]
-        motion = _inside(fraction, x, y, z) * _inside(surface, x, y, z)
-        motion += _inside(fraction, i, j, k) * _inside(surface, i, j, k)
+        given = _inside(fraction, x, y, z) * (velocity + inherit * _inside(surface, x, y, z))
+        given += _inside(fraction, i, j, k) * (velocity + inherit * _inside(surface, i, j, k))
         u = u_inout[lower[0] + i, lower[1] + j, lower[2] + k]
-        u_inout[lower[0] + i, lower[1] + j, lower[2] + k] = u + 0.5 * inherit * motion
+        u_inout[lower[0] + i, lower[1] + j, lower[2] + k] = _farther(0.5 * given, u)
         k += 1
 
 
@@ -205,7 +213,7 @@ class Source:
         self._hold(interval.end, temperature, value_at(self._emitter.temperature, interval.end), ambient)
 
     def emit_velocity(self, interval: Interval, velocity: tuple) -> None:
-        """Gives the air the emitter's velocity and its share of the motion; closed sides of the domain stay closed.
+        """Holds the emitter's velocity and its share of the motion; closed sides of the domain stay closed.
 
         Args:
             interval: from `sweep`.
@@ -216,11 +224,12 @@ class Source:
         given = self._lattice.axes @ np.asarray(value_at(self._emitter.velocity, interval.end))
         for axis, component in enumerate(velocity):
             shape, faces = self._faces(axis)
-            self._launcher.launch(_push, shape, faces, *self._place(), float(given[axis]), component)
             if self._inherits:
                 surface = self._voxels.velocity[axis]
-                args = (*self._place(), surface, self._emitter.inherit_velocity, component)
+                args = (*self._place(), surface, self._emitter.inherit_velocity, float(given[axis]), component)
                 self._launcher.launch(_drag, shape, faces, *args)
+            elif given[axis]:
+                self._launcher.launch(_push, shape, faces, *self._place(), float(given[axis]), component)
 
     def _acts(self, time: float) -> bool:
         return 0 not in self._voxels.shape and bool(value_at(self._emitter.enabled, time))
