@@ -191,3 +191,16 @@ def test_names_that_collide(tmp_path):
     result = ws.run(replace(scene, domains=[*scene.domains, twin]), tmp_path / "out")
     names = {path.name for path in result.folder.glob("volumes/*")}
     assert names == {"World_Smoke.0001.vdb", "Other_Smoke.0001.vdb"}
+
+
+def test_files_of_an_earlier_run_are_cleared(tmp_path):
+    """A shorter run leaves no volume or texture of the longer one before it, and no other file is touched."""
+    ws.run(plume(frames=4), tmp_path)
+    (tmp_path / "volumes" / "mine.vdb").write_text("mine")
+    longer = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+    ws.run(plume(frames=2), tmp_path)
+    left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+    gone = longer - left
+    assert gone == {name for name in longer if ".0003." in name or ".0004." in name}
+    assert {name.rsplit(".", 1)[1] for name in gone} == {"vdb", "png"}
+    assert "mine.vdb" in left

@@ -41,6 +41,8 @@ def run(
     bake_all: bool = False,
     device: str = "cpu",
     threads: int | None = None,
+    flatten: bool = False,
+    usdz: bool = False,
     watch: Annotated[bool, Parameter(name="--preview")] = False,
     as_json: Annotated[bool, Parameter(name="--json")] = False,
 ):
@@ -62,6 +64,10 @@ def run(
         cpu, cuda or cuda:N.
     threads
         CPU threads; all unless given.
+    flatten
+        Also write the stage as one layer, NAME.flat.usdc, beside its volumes and textures.
+    usdz
+        Also write the stage with its textures as one package, NAME.usdz, which cannot hold volumes.
     watch
         Show frames in a window as they are made, as many as slow the run by a tenth at most; then all of them.
     as_json
@@ -86,6 +92,12 @@ def run(
         result = warp_smoke.run(scene, output, device=device, threads=threads, on_frame=show)
     if live:
         live.close()
+    written = [result.stage]
+    if flatten or usdz:
+        from warp_smoke.usd.export import flatten_stage, package_stage
+
+        written += [flatten_stage(result.stage, result.stage.with_suffix(".flat.usdc"))] if flatten else []
+        written += [package_stage(result.stage, result.stage.with_suffix(".usdz"))] if usdz else []
     if as_json:
         print(json.dumps(result.report, indent=2))
         return
@@ -93,7 +105,8 @@ def run(
     from warp_smoke.report import summary
 
     _out.print(summary(result.report), highlight=False)
-    _out.print(f"Wrote {result.stage}", soft_wrap=True, highlight=False)
+    for file in written:
+        _out.print(f"Wrote {file}", soft_wrap=True, highlight=False)
     if live:
         warp_smoke.preview(result)
 

@@ -13,9 +13,10 @@ from warp_smoke.plan import DomainPlan, ReceiverPlan, When
 from warp_smoke.record import FieldError
 from warp_smoke.report import environment
 from warp_smoke.simulation import Frame, Simulation, Smoke
+from warp_smoke.usd.export import result_files
 from warp_smoke.usd.material import BakeResult, VertexBakeResult
 from warp_smoke.usd.volume import VolumeResult, write_volume
-from warp_smoke.usd.write import write_results
+from warp_smoke.usd.write import RESULTS_SUFFIX, write_results
 
 # Frames that may wait to be written; more would only cost memory when the disk is slower than the simulation.
 _FRAMES_IN_HAND = 2
@@ -40,7 +41,7 @@ class Output:
     """A context in which frames are written; folders that it made and that stay empty are removed if it fails.
 
     The stage and report of an earlier run go first and come last, so that a run that is cut short leaves no stage that
-    mixes two runs.
+    mixes two runs. Volumes and textures that the earlier results named and the new ones do not are removed.
     """
 
     def __init__(self, folder: Path, name: str, simulation: Simulation):
@@ -57,6 +58,7 @@ class Output:
         _check_folder(self._folder, self._name)
         inside = ["volumes"] * bool(self._plan.domains) + ["textures"] * bool(self._plan.receivers)
         self._made = _make_folders(self._folder, inside)
+        self._earlier = result_files(self._folder / f"{self._name}{RESULTS_SUFFIX}")
         for earlier in (f"{self._name}.usda", f"{self._name}.results.usdc", "report.json"):
             (self._folder / earlier).unlink(missing_ok=True)
         self._pool = ThreadPoolExecutor(1, "write")
@@ -115,6 +117,8 @@ class Output:
             ]
             bakes = [self._bake_result(each, bake) for each in self._plan.receivers for bake in each.bakes]
             stage = write_results(self._folder, self._name, self._plan.scene, volumes, bakes)
+            for left in self._earlier - result_files(self._folder / f"{self._name}{RESULTS_SUFFIX}"):
+                left.unlink(missing_ok=True)
         report = self._report(set_up, perf_counter() - self._began)
         write_text(self._folder / "report.json", json.dumps(report, indent=2) + "\n")
         return Result(self._folder, stage, report)

@@ -1,0 +1,81 @@
+"""The finished stage as one layer, or as one package, for programs and people that want a single file."""
+
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
+
+from pxr import Ar, Sdf, Tf, Usd, UsdUtils, UsdVol
+
+from warp_smoke.files import replacing
+
+FOLDERS = ("volumes", "textures")
+
+
+def flatten_stage(stage: Path, file: Path) -> Path:
+    """Writes a stage as one layer: the user's layers and the results in one, with the selected variants alone.
+
+    Args:
+        stage: the root layer of a run's results.
+        file: the layer to write, beside it; volumes and textures stay files of their own, named relative to it.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    flat = Usd.Stage.Open(str(stage)).Flatten(False)
+    _name_relative_to(flat, file.parent)
+    with replacing(file) as partial:
+        flat.Export(str(partial))
+    return file
+
+
+def package_stage(stage: Path, file: Path) -> Path:
+    """Packs a stage with its textures into one `.usdz`; volumes are left out, since a `.vdb` may not be in one.
+
+    Args:
+        stage: the root layer of a run's results.
+        file: the `.usdz` to write.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    opened = Usd.Stage.Open(str(stage), Usd.Stage.LoadAll)
+    without_volumes = Usd.Stage.Open(opened.Flatten(False))
+    for prim in list(without_volumes.TraverseAll()):
+        if prim and (prim.IsA(UsdVol.Volume) or prim.IsA(UsdVol.FieldBase)):
+            without_volumes.RemovePrim(prim.GetPath())
+    _name_relative_to(without_volumes.GetRootLayer(), file.parent)
+    layer = file.with_name(f".{file.stem}.packed.usdc")
+    try:
+        without_volumes.GetRootLayer().Export(str(layer))
+        with replacing(file) as partial:
+            if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(layer)), str(partial), f"{file.stem}.usdc"):
+                raise OSError(f"{file}: cannot be packed")
+    finally:
+        layer.unlink(missing_ok=True)
+    return file
+
+
+def result_files(layer: Path) -> set[Path]:
+    """The volumes and textures that a results layer names below its folder; none if it cannot be read."""
+    found: set[str] = set()
+
+    def note(path: str) -> str:
+        found.add(path)
+        return path
+
+    with suppress(Tf.ErrorException, ValueError):
+        opened = Sdf.Layer.OpenAsAnonymous(str(layer))
+        if opened:
+            UsdUtils.ModifyAssetPaths(opened, note)
+    inside = [PurePosixPath(path) for path in found if path.startswith("./")]
+    return {layer.parent / path for path in inside if path.parts[0] in FOLDERS and ".." not in path.parts}
+
+
+def _name_relative_to(layer: Sdf.Layer, folder: Path) -> None:
+    """Names files below a folder relative to it; flattening makes all paths absolute."""
+    folder = folder.resolve()
+
+    def relative(path: str) -> str:
+        resolved = Ar.GetResolver().Resolve(path).GetPathString() or path
+        return f"./{Path(resolved).relative_to(folder).as_posix()}" if Path(resolved).is_relative_to(folder) else path
+
+    UsdUtils.ModifyAssetPaths(layer, relative)
