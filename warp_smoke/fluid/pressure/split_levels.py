@@ -252,11 +252,16 @@ class SplitLevels:
 
 
 def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
-    """L⁺ of a symmetric matrix L, float32."""
-    values, vectors = np.linalg.eigh(matrix)
-    kept = np.abs(values) > 1e-6 * np.abs(values).max()
-    inverse = np.divide(1.0, values, where=kept, out=np.zeros(len(values)))
-    return ((vectors * inverse) @ vectors.T).astype(np.float32)
+    """L⁺ of a symmetric semidefinite matrix L, float32, whose null space is constants on connected components.
+
+    With their unit vectors N and any s ≠ 0, L⁺ = (L + s N Nᵀ)⁻¹ − N Nᵀ / s: several times faster than eigenvectors.
+    """
+    count, label = scipy.sparse.csgraph.connected_components(scipy.sparse.csr_array(matrix), directed=False)
+    sums = np.bincount(label, matrix.sum(axis=1), minlength=count)
+    closed = np.abs(sums) <= 1e-6 * np.abs(matrix).max(initial=0.0)
+    null = (label[:, None] == np.flatnonzero(closed)) / np.sqrt(np.bincount(label, minlength=count))[closed]
+    s = matrix.trace() / len(matrix) or 1.0
+    return (np.linalg.inv(matrix + s * null @ null.T) - null @ null.T / s).astype(np.float32)
 
 
 def _rounded(count: int) -> int:
