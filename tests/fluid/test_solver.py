@@ -96,7 +96,7 @@ def test_mirrored_scene_gives_mirrored_smoke(launcher, axis, advection):
 def test_up_axis_only_names_the_axes(launcher):
     """The same scene with Z up instead of Y gives the same smoke, its axes permuted, to round-off."""
     boundary = ("open", "closed", "closed", "open", "closed", "open")
-    scene = lively(boundary=boundary)
+    scene = lively(boundary=boundary, active_box=False)  # the box is fitted to whole blocks of rows along one axis
     (domain,), (source,) = scene.domains, scene.emitters
     turn = np.eye(4)[[1, 2, 0, 3]]  # (x, y, z) becomes (z, x, y)
     other = replace(
