@@ -119,6 +119,7 @@ domain_fields = optional(
     albedo=vectors(3, numbers(0, 1)),
     density_scale=positive,
     grids=st.lists(st.sampled_from(GRIDS), unique=True).map(tuple),
+    active_box=st.booleans(),
     advection=st.sampled_from(ADVECTION_SCHEMES),
     pressure_solver=st.sampled_from(PRESSURE_SOLVERS),
     pressure_tolerance=positive,
