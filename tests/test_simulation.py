@@ -44,6 +44,8 @@ EFFECTS = {
     "density diffusion": ({"density_diffusion": 0.01}, {}, ["fluid.diffusion.spectral"], ["diffusion"]),
     "wind": ({"wind": (1.0, 0.0, 0.0)}, {}, ["fluid.wind"], []),
     "dissipation": ({"density_dissipation": 0.5}, {}, ["fluid.dissipation"], []),
+    "emitter noise": ({}, {"emitters": [replace(plume().emitters[0], noise=0.5)]}, ["fluid.emitter_share"], []),
+    "emitter skin": ({}, {"emitters": [replace(plume().emitters[0], source="surface")]}, ["fluid.emitter_share"], []),
     "collider": ({}, {"colliders": [BALL]}, ["fluid.colliders", "fluid.pressure.v_cycle"], ["colliders"]),
     "surface shadow": (
         {},

@@ -12,6 +12,7 @@ _JACOBI_DIFFUSION = ("fluid.colliders", "fluid.diffusion.jacobi")
 # Module of kernels by the pass that launches them, and by pass and method where that decides.
 _FLUID = {
     "voxelize_colliders": ("fluid.voxelize", "fluid.walls", "fluid.colliders"),
+    "vary_emission": ("fluid.emitter_share",),
     "emit_density": ("fluid.voxelize", "fluid.emitters"),
     "blow_wind": ("fluid.wind",),
     "add_buoyancy": ("fluid.forces",),

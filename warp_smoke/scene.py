@@ -41,6 +41,7 @@ PRESSURE_SOLVERS = (
     "jacobi",
 )
 DIFFUSION_SOLVERS = ("spectral", "jacobi")
+SOURCES = ("volume", "surface")
 GRIDS = ("density", "temperature", "velocity", "light")
 BAKES = ("lit", "visibility", "smokeShadow")
 FALLOFF_MODELS = ("inverseSquare", "linear", "polynomial")
@@ -206,6 +207,9 @@ class Emitter(Prim):
         rate: [1/s], smoke of `density` added each second; None = the values are held inside the mesh; may change.
         velocity: [m/s] along the stage's axes, given to air that is slower that way; may change.
         inherit_velocity: share of the emitter's own motion given to the smoke.
+        source: volume (all that is inside) or surface (a skin one voxel thick).
+        noise: how uneven density and temperature are, in space and time: 0 even, 1 down to nothing.
+        noise_scale: size of the noise's features [stage units]; None = a quarter of the emitter's longest side.
         enabled: may change.
     """
 
@@ -215,6 +219,9 @@ class Emitter(Prim):
     rate: float | Samples | None = None
     velocity: tuple[float, float, float] | Samples = (0.0, 0.0, 0.0)
     inherit_velocity: float = 1.0
+    source: str = "volume"
+    noise: float = 0.0
+    noise_scale: float | None = None
     enabled: bool | Samples = True
 
     def __post_init__(self):
@@ -225,6 +232,17 @@ class Emitter(Prim):
         self._check(switch, "enabled")
         if self.rate is not None:
             self._check(at_least, "rate")
+        self._check(one_of, "source", allowed=SOURCES)
+        self._check(at_least, "noise")
+        if self.noise > 1:
+            raise FieldError(self.path, "noise", self.noise, "0 to 1")
+        if self.noise_scale is not None:
+            self._check(positive, "noise_scale")
+
+    @property
+    def is_partial(self) -> bool:
+        """Whether it makes less smoke in some of the cells inside it than in others."""
+        return self.noise > 0.0 or self.source == "surface"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -80,6 +80,14 @@ def test_each_effect_runs_only_when_asked_for(change, name):
     assert name in {out.name for out in without.left_out}
 
 
+def test_partial_emission():
+    """Noise or a skin asks for shares of cells; a plain emitter does not."""
+    scene = plume()
+    for change in ({"noise": 0.5}, {"source": "surface"}):
+        plan = ws.make_plan(replace(scene, emitters=[replace(scene.emitters[0], **change)]))
+        assert kept(plan) - kept(ws.make_plan(scene)) == {"vary_emission"}
+
+
 def test_no_temperature_without_a_reader():
     """No buoyancy of heat and no temperature among the grids: no temperature field; exported, it is kept."""
     scene = plume()

@@ -17,6 +17,7 @@ from warp_smoke.scene import (
     FALLOFF_MODELS,
     GRIDS,
     PRESSURE_SOLVERS,
+    SOURCES,
     SHADOW_FILTERS,
     SMOKE_COMPOSITINGS,
     SMOKE_DIFFUSERS,
@@ -140,6 +141,9 @@ emitter_fields = optional(
     rate=not_negative | changing(not_negative),
     velocity=vectors(3, numbers()) | changing(vectors(3, numbers())),
     inherit_velocity=numbers(),
+    source=st.sampled_from(SOURCES),
+    noise=numbers(0, 1),
+    noise_scale=positive,
     enabled=st.booleans() | changing(st.booleans()),
 )
 receiver_fields = optional(

@@ -57,6 +57,7 @@ def test_defaults_are_those_of_the_records(record):
         ("SmokeDomainAPI", "advection", records.ADVECTION_SCHEMES),
         ("SmokeDomainAPI", "pressure_solver", records.PRESSURE_SOLVERS),
         ("SmokeDomainAPI", "diffusion_solver", records.DIFFUSION_SOLVERS),
+        ("SmokeEmitterAPI", "source", records.SOURCES),
         ("SmokeReceiverAPI", "bake", records.BAKES),
         ("SmokeLightAPI", "falloff_model", records.FALLOFF_MODELS),
         ("SmokeLightAPI", "shadow_filter", records.SHADOW_FILTERS),

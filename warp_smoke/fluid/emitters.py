@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
+from warp_smoke.fluid.emitter_share import EmitterShare
 from warp_smoke.fluid.grid import Block, Patch, make_patch
 from warp_smoke.fluid.point_voxels import PointVoxels
 from warp_smoke.fluid.voxelize import MeshVoxels
@@ -165,6 +166,7 @@ class Source:
         self._launcher, self._lattice, self._emitter = launcher, lattice, emitter
         voxels = PointVoxels if isinstance(emitter.mesh, Points) else MeshVoxels
         self._voxels = voxels(launcher, lattice, emitter, "emitters")
+        self._share = EmitterShare(launcher, lattice, emitter, self._voxels) if emitter.is_partial else None
         self._inherits = self._voxels.moves and emitter.inherit_velocity != 0.0
         self.pushes = self._inherits or bool(np.any(each_value(emitter.velocity)))
 
@@ -185,7 +187,9 @@ class Source:
 
     def place(self, interval: Interval) -> None:
         """Moves the emitter to where it is at the end of an interval."""
-        self._voxels.update(*interval)
+        changed = self._voxels.update(*interval)
+        if self._share:
+            self._share.update(changed, interval.end)
 
     def emit_density(self, interval: Interval, density: wp.array) -> None:
         """Holds the density, or adds to it at the emitter's rate.
@@ -200,7 +204,7 @@ class Source:
         elif self._acts(middle):
             amount = value_at(emitter.rate, middle) * value_at(emitter.density, middle) * interval.dt
             amount *= self._voxels.volume_ratio()
-            self._launcher.launch(_add, self._voxels.shape, *self._place(), float(amount), density)
+            self._launcher.launch(_add, self._voxels.shape, *self._smoke(), float(amount), density)
 
     def emit_temperature(self, interval: Interval, temperature: wp.array, ambient: float) -> None:
         """Holds the temperature.
@@ -238,9 +242,13 @@ class Source:
         """The box's first cell, and the share of its cells inside."""
         return wp.vec3i(*self._voxels.lower), self._voxels.fraction
 
+    def _smoke(self) -> tuple[wp.vec3i, wp.array]:
+        """The box's first cell, and the share of its cells that makes smoke."""
+        return wp.vec3i(*self._voxels.lower), self._share.fraction() if self._share else self._voxels.fraction
+
     def _hold(self, time: float, field: wp.array, value: float, ambient: float) -> None:
         if self._acts(time):
-            self._launcher.launch(_hold, self._voxels.shape, *self._place(), float(value), ambient, field)
+            self._launcher.launch(_hold, self._voxels.shape, *self._smoke(), float(value), ambient, field)
 
     def _faces(self, axis: int) -> Patch:
         """Faces of the box across an axis, numbered within it, without those on closed sides of the domain."""

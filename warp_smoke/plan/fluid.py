@@ -56,6 +56,10 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
     why = f"wind is ({', '.join(f'{x:g}' for x in domain.wind)}) m/s"
     why_not = "no side is open for the wind to come in" if any(domain.wind) else "wind is 0"
     choose("blow_wind", windy, why, why_not, makes="velocity")
+    partial = [e for e in emitters if e.is_partial]
+    why = f"{_paths(partial)} makes smoke by noise or in its surface"
+    why_not = "all emitters make smoke evenly in all their inside"
+    choose("vary_emission", partial, why, why_not, makes="shares of cells")
     choose("emit_density", True, f"{_paths(emitters)} makes smoke", "", makes="density")
     asks = "buoyancy reads it" if buoyant_by_heat else "it is among the exported grids"
     choose("emit_temperature", has_heat, asks, cold, makes="temperature")

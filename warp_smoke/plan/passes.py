@@ -12,6 +12,7 @@ from warp_smoke.scene import Collider, Emitter, Light, Scene, SmokeDomain, Surfa
 PASS_NAMES = (
     "voxelize_colliders",
     "blow_wind",
+    "vary_emission",
     "emit_density",
     "emit_temperature",
     "emit_velocity",
