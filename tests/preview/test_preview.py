@@ -1,11 +1,13 @@
 """The preview of a stage, from its files to the picture."""
 
 import shutil
+import sys
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
-from pxr import Usd
+from pxr import Usd, UsdGeom
 from scenes import at
 
 import warp_smoke as ws
@@ -190,3 +192,40 @@ def test_folder_without_results(tmp_path):
     """A folder that no run wrote is refused."""
     with pytest.raises(ValueError, match="holds 0 results"):
         preview(tmp_path, screenshot=tmp_path / "picture.png")
+
+
+def test_a_notebook_shows_the_picture(results, tmp_path, monkeypatch):
+    """Under a Jupyter kernel the picture is displayed below the cell: the one that a screenshot saves."""
+    shown = []
+    ipython = ModuleType("IPython")
+    ipython.get_ipython = lambda: SimpleNamespace(kernel=True)
+    display = ModuleType("IPython.display")
+    display.display = shown.append
+    monkeypatch.setitem(sys.modules, "IPython", ipython)
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    preview(results, frame=3, size=SIZE)
+    (image,) = shown
+    np.testing.assert_array_equal(np.asarray(image), _picture(results, tmp_path, 3))
+
+
+def test_a_quantity_that_is_not_known(results, tmp_path):
+    """Another name than those there are is refused with these."""
+    with pytest.raises(ValueError, match="quantity is heat; allowed: density, temperature, speed"):
+        preview(results, screenshot=tmp_path / "a.png", quantity="heat")
+
+
+def test_instances_of_a_point_instancer_are_drawn(tmp_path, open_plotter):
+    """Surfaces that have no prim of their own are drawn as any other."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "many.usda"))
+    stage.SetDefaultPrim(stage.DefinePrim("/World", "Xform"))
+    instancer = UsdGeom.PointInstancer.Define(stage, "/World/Many")
+    UsdGeom.Cube.Define(stage, "/World/Many/Box")
+    instancer.CreatePrototypesRel().AddTarget("/World/Many/Box")
+    instancer.CreateProtoIndicesAttr([0, 0])
+    instancer.CreatePositionsAttr([(-3, 0, 0), (3, 0, 0)])
+    stage.Save()
+    view = StageView(PreviewStage(tmp_path / "many.usda"), open_plotter(SIZE), 1.0)
+    view.plotter.set_background("black")
+    view.show(PreviewStage(tmp_path / "many.usda").load(1))
+    seen = view.picture().max(axis=(0, 2)) > 20
+    assert np.count_nonzero(np.diff(np.concatenate([[0], seen, [0]])) == 1) == 2  # two boxes side by side
