@@ -345,7 +345,7 @@ def test_prototypes_of_a_point_instancer_are_not_read(tmp_path):
         ),
         (
             DOMAIN % 'token[] smoke:grids = ["heat"]',
-            "/World/Box: smoke:grids is heat; allowed: density, temperature, velocity",
+            "/World/Box: smoke:grids is heat; allowed: density, temperature, velocity, light",
         ),
         (
             DOMAIN % 'token[] smoke:boundary = ["open"]',
