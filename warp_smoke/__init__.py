@@ -19,6 +19,7 @@ from warp_smoke.scene import (
     Light,
     Material,
     PointLight,
+    Procedural,
     Receiver,
     Scene,
     SmokeDomain,
@@ -41,6 +42,7 @@ __all__ = [
     "Plan",
     "PointLight",
     "Points",
+    "Procedural",
     "Receiver",
     "Result",
     "Samples",
@@ -54,12 +56,19 @@ __all__ = [
     "live_preview",
     "make_plan",
     "preview",
+    "render",
     "run",
 ]
 
 
 # What simulates needs Warp, which takes a moment to load.
-_ON_USE = {"Simulation": "simulation", "Frame": "simulation", "Smoke": "simulation", "Result": "output"}
+_ON_USE = {
+    "Simulation": "simulation",
+    "Frame": "simulation",
+    "Smoke": "simulation",
+    "Result": "output",
+    "render": "picture",
+}
 
 
 def __getattr__(name: str):

@@ -190,16 +190,14 @@ def preview(
     size
         Width and height in pixels.
     """
-    width, _, height = size.partition("x")
-    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 8192 and 0 < int(height) <= 8192):
-        raise ValueError(f"--size is {size}; allowed: WIDTHxHEIGHT, 1 to 8192 pixels each")
+    pixels = _size(size)
     with _progress_bar() as bar:
         task = bar.add_task("Drawing", total=None, visible=bool(movie or html))
         warp_smoke.preview(
             path,
             frame=frame,
             screenshot=screenshot,
-            size=(int(width), int(height)),
+            size=pixels,
             movie=movie,
             html=html,
             quantity=show,
@@ -207,6 +205,44 @@ def preview(
         )
     for file in filter(None, (screenshot, movie, html)):
         _out.print(f"Wrote {file}", soft_wrap=True, highlight=False)
+
+
+@app.command
+def render(
+    path: Path,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    frame: int | None = None,
+    size: str = "640x360",
+    samples: int = 2,
+    shading: str = "pixel",
+    device: str = "cpu",
+    threads: int | None = None,
+):
+    """Ray-cast a picture through the stage's camera: surfaces, their shadows, and smoke.
+
+    Parameters
+    ----------
+    path
+        A USD stage, whose smoke is simulated up to the frame, or a folder written by `run`, whose smoke is read.
+    output
+        The PNG file.
+    frame
+        The frame; the middle one unless given.
+    size
+        Width and height in pixels.
+    samples
+        Rays along each side of a pixel.
+    shading
+        Light for each pixel, or for each vertex.
+    device
+        cpu, cuda or cuda:N.
+    threads
+        CPU threads; all unless given.
+    """
+    options = {"samples": samples, "shading": shading, "device": device, "threads": threads}
+    warp_smoke.render(path, output, frame=frame, size=_size(size), **options)
+    _out.print(f"Wrote {output}", soft_wrap=True, highlight=False)
 
 
 @app.command
@@ -249,6 +285,14 @@ def info(*, as_json: Annotated[bool, Parameter(name="--json")] = False):
         return
     for name, value in facts.items():
         _out.print(f"{name:14} {value}", soft_wrap=True, highlight=False)
+
+
+def _size(text: str) -> tuple[int, int]:
+    """Width and height of a picture."""
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 8192 and 0 < int(height) <= 8192):
+        raise ValueError(f"--size is {text}; allowed: WIDTHxHEIGHT, 1 to 8192 pixels each")
+    return int(width), int(height)
 
 
 def _progress_bar() -> "Progress":

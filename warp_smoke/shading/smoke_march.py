@@ -1,0 +1,182 @@
+"""Smoke in pictures: light that it scatters once towards the eye, marched along each ray (Beer and Lambert).
+
+dL/ds = −σ ρ L + albedo σ ρ S with the light S that arrives, averaged over all directions: with an isotropic phase
+function 1/(4π) and a source's irradiance π B, S = ambient + Σ V T B/4. What is scattered more than once is left out.
+"""
+
+import numpy as np
+import warp as wp
+
+from warp_smoke.launch import Launcher, Rows
+from warp_smoke.shading.light_source import LightSource, incident_light
+from warp_smoke.shading.primary_rays import View, ray_direction
+
+wp.set_module_options({"enable_backward": False})
+
+# Of the light behind, below which a march ends.
+_DARK = wp.constant(1.0e-3)
+
+
+@wp.struct
+class ScatteringSmoke:
+    """Smoke as the march sees it.
+
+    Attributes:
+        density: at cell centres, [nx, ny, nz]; zero outside.
+        light: S there, linear RGB [nx · ny · nz].
+        from_set: set space to cell coordinates, for column vectors.
+        extinction: optical depth of one cell's length at density 1, RGB.
+        albedo: linear RGB.
+        step: between samples [cells].
+    """
+
+    density: wp.array3d[float]
+    light: wp.array[wp.vec3]
+    from_set: wp.mat44
+    extinction: wp.vec3
+    albedo: wp.vec3
+    step: float
+
+
+def cell_centres(shape: tuple[int, int, int], to_set: np.ndarray) -> np.ndarray:
+    """Centres of cells in set space, [nx · ny · nz, 3] float32; `to_set` is a 4 × 4 row-vector matrix."""
+    cells = np.stack(np.indices(shape), axis=-1).reshape(-1, 3) + 0.5
+    return (cells @ to_set[:3, :3] + to_set[3, :3]).astype(np.float32)
+
+
+def face_light(launcher: Launcher, points: wp.array, light: LightSource, normals_out: wp.array) -> None:
+    """Writes the unit vector from each point to a light, by which shadow methods take it to face the light."""
+    launcher.launch_each(_face_light, len(points), light, points, normals_out)
+
+
+def scatter_light(
+    launcher: Launcher,
+    points: wp.array,
+    light: LightSource,
+    visibility: wp.array,
+    transmittance: wp.array,
+    light_inout: wp.array,
+) -> None:
+    """Adds V T B/4 of one light to S at each point; transmittance is [1, n] or [3, n]."""
+    launcher.launch_each(_scatter_light, len(points), light, points, visibility, transmittance, light_inout)
+
+
+def march_smoke(
+    launcher: Launcher,
+    count: int,
+    smoke: ScatteringSmoke,
+    view: View,
+    place: tuple[float, float],
+    distance: wp.array,
+    color: wp.array,
+) -> None:
+    """Puts smoke before what each pixel shows.
+
+    Args:
+        launcher: where to compute.
+        count: number of pixels.
+        smoke: the smoke.
+        view: from where.
+        place: of the ray in the pixel.
+        distance: how far each ray sees, [n].
+        color: linear RGB of what lies behind, [n] vec3; the smoke is put over it.
+    """
+    launcher.launch_each(_march_smoke, count, smoke, view, *place, distance, color)
+
+
+@wp.kernel
+def _face_light(rows: Rows, light: LightSource, points: wp.array[wp.vec3], normals_out: wp.array[wp.vec3]):
+    """normals[s] = l."""
+    s = rows.first + wp.tid()
+    to_light, _ = incident_light(light, points[s])
+    normals_out[s] = to_light
+
+
+@wp.kernel
+def _scatter_light(
+    rows: Rows,
+    light: LightSource,
+    points: wp.array[wp.vec3],
+    visibility: wp.array[float],
+    transmittance: wp.array2d[float],
+    light_inout: wp.array[wp.vec3],
+):
+    """S[s] += V T ⊗ B/4."""
+    s = rows.first + wp.tid()
+    _, b = incident_light(light, points[s])
+    last = transmittance.shape[0] - 1
+    t = wp.vec3(transmittance[0, s], transmittance[wp.min(1, last), s], transmittance[wp.min(2, last), s])
+    light_inout[s] = light_inout[s] + 0.25 * visibility[s] * wp.cw_mul(t, b)
+
+
+@wp.kernel
+def _march_smoke(
+    rows: Rows,
+    smoke: ScatteringSmoke,
+    view: View,
+    x: float,
+    y: float,
+    distance: wp.array[float],
+    color_inout: wp.array[wp.vec3],
+):
+    """L = Σ_m T_m (1 − e^(−σ ρ_m Δ)) albedo S_m + T_end L_behind, samples in the middle of steps Δ ≤ step."""
+    p = rows.first + wp.tid()
+    row = p // view.width
+    direction = ray_direction(view, float(p - row * view.width) + x, float(row) + y)
+    start = wp.transform_point(smoke.from_set, view.eye)
+    ray = wp.transform_vector(smoke.from_set, direction)
+    lengthening = wp.length(ray)  # cells for each unit of distance
+    ray /= lengthening
+    entry = wp.float32(0.0)
+    end = distance[p] * lengthening
+    for axis in range(3):
+        # A ray along a side of the box must not become 0 · ∞.
+        inverse = 1.0 / wp.where(wp.abs(ray[axis]) < 1.0e-12, 1.0e-12, ray[axis])
+        low = -start[axis] * inverse
+        high = (float(smoke.density.shape[axis]) - start[axis]) * inverse
+        entry = wp.max(entry, wp.min(low, high))
+        end = wp.min(end, wp.max(low, high))
+    if end > entry:
+        steps = int(wp.ceil((end - entry) / smoke.step))
+        length = (end - entry) / float(steps)
+        through = wp.vec3(1.0)
+        scattered = wp.vec3(0.0)
+        for m in range(steps):
+            at = start + (entry + (float(m) + 0.5) * length) * ray
+            ni = smoke.density.shape[0]
+            nj = smoke.density.shape[1]
+            nk = smoke.density.shape[2]
+            u = wp.clamp(at[0] - 0.5, 0.0, float(ni - 1))
+            v = wp.clamp(at[1] - 0.5, 0.0, float(nj - 1))
+            w = wp.clamp(at[2] - 0.5, 0.0, float(nk - 1))
+            i = wp.min(int(u), wp.max(ni - 2, 0))
+            j = wp.min(int(v), wp.max(nj - 2, 0))
+            k = wp.min(int(w), wp.max(nk - 2, 0))
+            f = u - float(i)
+            g = v - float(j)
+            h = w - float(k)
+            density = wp.float32(0.0)
+            light = wp.vec3(0.0)
+            for corner in range(8):
+                a = corner // 4
+                b = (corner // 2) % 2
+                c = corner % 2
+                weight = wp.where(a == 1, f, 1.0 - f) * wp.where(b == 1, g, 1.0 - g) * wp.where(c == 1, h, 1.0 - h)
+                if weight > 0.0:
+                    ca = wp.min(i + a, ni - 1)
+                    cb = wp.min(j + b, nj - 1)
+                    cc = wp.min(k + c, nk - 1)
+                    rho = smoke.density[ca, cb, cc]
+                    density += weight * rho
+                    light += weight * rho * smoke.light[(ca * nj + cb) * nk + cc]
+            if density > 0.0:
+                tau = density * length * smoke.extinction
+                left = wp.vec3(wp.exp(-tau[0]), wp.exp(-tau[1]), wp.exp(-tau[2]))
+                # Light is weighted by density, so that it is that of the smoke and not of the empty cells beside it.
+                source = wp.cw_mul(smoke.albedo, light / density)
+                scattered += wp.cw_mul(through, wp.cw_mul(wp.vec3(1.0) - left, source))
+                through = wp.cw_mul(through, left)
+                if wp.max(through) < _DARK:
+                    through = wp.vec3(0.0)
+                    break
+        color_inout[p] = scattered + wp.cw_mul(through, color_inout[p])

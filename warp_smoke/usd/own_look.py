@@ -1,0 +1,26 @@
+"""Results opened for another look at them: with the materials that the stage had before its light was baked."""
+
+from pathlib import Path
+
+from pxr import Sdf, Usd
+
+from warp_smoke.preview.stage import find_stage
+from warp_smoke.scene import Scene
+from warp_smoke.usd.material import OWN_LOOK, VARIANT_SET
+from warp_smoke.usd.read import read_scene, read_stage
+
+
+def open_in_own_look(path: str | Path) -> tuple[Usd.Stage, Scene]:
+    """A stage, or the one that a run wrote into a folder, with the look that it had before the bake.
+
+    Raises:
+        ValueError: as `read_scene`, or the folder does not hold the results of one run.
+    """
+    file = find_stage(path)
+    scene = read_scene(file)
+    stage = Usd.Stage.Open(Sdf.Layer.FindOrOpen(str(file)), Sdf.Layer.CreateAnonymous())
+    stage.SetEditTarget(stage.GetSessionLayer())
+    baked = [prim for prim in stage.GetPseudoRoot().GetChildren() if prim.GetVariantSets().HasVariantSet(VARIANT_SET)]
+    for prim in baked:
+        prim.GetVariantSet(VARIANT_SET).SetVariantSelection(OWN_LOOK)
+    return stage, read_stage(stage, str(file)) if baked else scene

@@ -1,0 +1,81 @@
+"""Smoke that a run has written: the density of each `UsdVol.Volume` at a frame, from its `.vdb` file."""
+
+import numpy as np
+from pxr import Usd, UsdGeom, UsdVol
+
+from warp_smoke.lattice import Lattice
+from warp_smoke.record import read_only
+from warp_smoke.scene import Scene, SmokeDomain
+from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
+from warp_smoke.vdb import read_vdb
+
+# Voxels may differ in size along their axes by this share, which is rounding.
+_CUBE = 1e-4
+
+
+def read_volumes(stage: Usd.Stage, scene: Scene, frame: int) -> list[tuple[SmokeDomain, Lattice, np.ndarray]]:
+    """The visible smoke on a stage at a frame.
+
+    Args:
+        stage: the stage.
+        scene: what was read of it.
+        frame: the frame.
+
+    Returns:
+        For each volume with a field `density`: the domain whose smoke it is (a default one for volumes of other
+        makers), where its voxels lie, and the density [nx, ny, nz] float32, as it was before `densityScale`.
+
+    Raises:
+        ValueError: a file is missing or damaged, or its voxels are no cubes.
+        OSError: a file cannot be read.
+    """
+    domains = {domain.path: domain for domain in scene.domains}
+    found = []
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        if not prim.IsA(UsdVol.Volume) or UsdGeom.Imageable(prim).ComputeVisibility(frame) == "invisible":
+            continue
+        target = UsdVol.Volume(prim).GetFieldPath("density")
+        field = UsdVol.OpenVDBAsset(stage.GetPrimAtPath(target)) if target else None
+        if not field:
+            continue
+        paths = map(str, prim.GetRelationship(DOMAIN_RELATIONSHIP).GetTargets())
+        domain = next(filter(None, map(domains.get, paths)), SmokeDomain(path=str(prim.GetPath())))
+        density, to_world = _read_density(field, frame)
+        if density.size:
+            to_world = to_world @ np.array(UsdGeom.Imageable(prim).ComputeLocalToWorldTransform(frame))
+            lattice = _lattice(str(prim.GetPath()), density.shape, to_world, scene)
+            found.append((domain, lattice, density / np.float32(domain.density_scale)))
+    return found
+
+
+def _read_density(field: UsdVol.OpenVDBAsset, frame: int) -> tuple[np.ndarray, np.ndarray]:
+    """A field's values, and the way from cell coordinates to the volume's space, 4 × 4 row-vector matrix."""
+    asset = field.GetFilePathAttr().Get(frame)
+    if not asset or not asset.resolvedPath:
+        name = field.GetFilePathAttr().GetPath()
+        raise ValueError(f"{name}: is {asset} at frame {frame}; allowed: a file that exists")
+    grids, name = read_vdb(asset.resolvedPath), field.GetFieldNameAttr().Get(frame)
+    if name not in grids:
+        raise ValueError(f"{asset.resolvedPath}: has no grid {name!r}; its grids: {', '.join(grids)}")
+    grid = grids[name]
+    matrix = np.diag([*grid.voxel_size, 1.0])
+    # Voxel (0, 0, 0) has its centre at `translation`.
+    matrix[3, :3] = (np.asarray(grid.origin) - 0.5) * grid.voxel_size + grid.translation
+    return np.maximum(grid.values, np.float32(0.0)), matrix
+
+
+def _lattice(path: str, shape: tuple[int, ...], to_world: np.ndarray, scene: Scene) -> Lattice:
+    sizes = np.linalg.norm(to_world[:3, :3], axis=1)
+    axes = to_world[:3, :3] / sizes[:, None]
+    if np.ptp(sizes) > _CUBE * sizes.max() or np.abs(axes @ axes.T - np.eye(3)).max() > _CUBE:
+        raise ValueError(f"{path}: voxels measure {sizes.tolist()} in the world; allowed: cubes")
+    placed = np.eye(4)
+    placed[:3, :3], placed[3, :3] = axes, to_world[3, :3]
+    return Lattice(
+        shape=tuple(shape),
+        voxel_size=float(sizes.mean()),
+        to_world=read_only(placed, np.float64),
+        meters_per_unit=scene.meters_per_unit,
+        sides=("open",) * 6,
+        up=tuple(axes @ scene.up),
+    )
