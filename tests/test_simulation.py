@@ -35,6 +35,7 @@ BALL = ws.Collider(path="/World/Ball", mesh=ws.Mesh.sphere(0.3, 16), transform=a
 # What switches an effect on, the modules whose kernels it launches, and labels of the memory that it takes.
 EFFECTS = {
     "vorticity": ({"vorticity": 0.5}, {}, ["fluid.vorticity"], ["vorticity"]),
+    "turbulence": ({"turbulence": 0.5}, {}, ["fluid.turbulence"], ["turbulence"]),
     "viscosity": (
         {"viscosity": 0.01, "diffusion_solver": "jacobi"},
         {},
@@ -162,6 +163,7 @@ def test_fields_can_be_written_between_steps():
     "change",
     [
         {"vorticity": 0.5},
+        {"turbulence": 0.5},
         {"viscosity": 0.01},
         {"viscosity": 0.01, "diffusion_solver": "jacobi"},
         {"density_diffusion": 0.01, "colliders": [BALL]},

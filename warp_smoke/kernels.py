@@ -16,6 +16,7 @@ _FLUID = {
     "emit_density": ("fluid.voxelize", "fluid.emitters"),
     "blow_wind": ("fluid.wind",),
     "add_buoyancy": ("fluid.forces",),
+    "stir_air": ("fluid.turbulence",),
     "confine_vorticity": ("fluid.forces", "fluid.vorticity"),
     "project_pressure": ("fluid.operators", "fluid.measures"),
     "project_pressure spectral": ("fluid.pressure.spectral", "fluid.transforms"),

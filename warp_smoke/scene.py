@@ -104,6 +104,8 @@ class SmokeDomain(Prim):
         buoyancy_temperature: β, upward acceleration per degree above ambient [m/s²].
         ambient_temperature: temperature of the air.
         vorticity: strength ε of vorticity confinement (0 = off).
+        turbulence: force that stirs all air, root mean square [m/s²].
+        turbulence_scale: size of its eddies [m]; None = an eighth of the longest side.
         viscosity: kinematic viscosity ν of the air [m²/s].
         wind: velocity of the air at the beginning, and when it comes in through open sides, along the stage's axes
             [m/s].
@@ -129,6 +131,8 @@ class SmokeDomain(Prim):
     buoyancy_temperature: float = 1.0
     ambient_temperature: float = 0.0
     vorticity: float = 0.0
+    turbulence: float = 0.0
+    turbulence_scale: float | None = None
     viscosity: float = 0.0
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0)
     density_diffusion: float = 0.0
@@ -155,7 +159,9 @@ class SmokeDomain(Prim):
         self._check(positive, "time_scale", "max_courant", "density_scale")
         self._check(finite, "buoyancy_density", "buoyancy_temperature", "ambient_temperature")
         self._check(finite, "wind", shape=(3,))
-        self._check(at_least, "vorticity", "viscosity", "density_diffusion", "density_dissipation")
+        if self.turbulence_scale is not None:
+            self._check(positive, "turbulence_scale")
+        self._check(at_least, "turbulence", "vorticity", "viscosity", "density_diffusion", "density_dissipation")
         self._check(at_least, "temperature_cooling", "extinction")
         self._check(at_least, "extinction_color", "albedo", shape=(3,))
         if max(self.albedo) > 1:

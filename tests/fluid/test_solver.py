@@ -133,7 +133,7 @@ def test_unit_of_length_does_not_matter(launcher, metres):
 def obstacle(resolution: int = 20) -> Scene:
     """A plume and a ball that moves above its source."""
     path = Samples([1.0, 5.0], [at(-0.3, 1.2, 0), at(0.3, 1.2, 0)])
-    scene = lively(resolution=resolution, viscosity=0.01, density_diffusion=0.001, wind=(0.5, 0.0, 0.2))
+    scene = lively(resolution=resolution, viscosity=0.01, density_diffusion=0.001, wind=(0.5, 0.0, 0.2), turbulence=0.5)
     return replace(scene, colliders=[Collider(path="/World/Ball", mesh=Mesh.sphere(0.3, 16), transform=path)])
 
 
@@ -220,6 +220,7 @@ def test_strength_of_zero_changes_nothing(launcher):
     (plan,) = make_plan(scene).domains
     effects = (
         "blow_wind",
+        "stir_air",
         "confine_vorticity",
         "diffuse_velocity",
         "diffuse_density",
@@ -239,6 +240,7 @@ KERNELS = {
     "add_buoyancy": ({"_accelerate"}, lively(buoyancy_density=0.0, buoyancy_temperature=0.0, vorticity=0.0)),
     "emit_velocity": ({"_push"}, plume()),
     "blow_wind": ({"_let_in"}, lively()),
+    "stir_air": ({"_fill_potential", "_stir"}, lively()),
     "diffuse_velocity": ({"_sweep_faces"}, lively()),
     "diffuse_density": ({"_sweep_cells"}, lively()),
     "dissipate_density": ({"_decay"}, lively(density_dissipation=0.0, temperature_cooling=0.0)),

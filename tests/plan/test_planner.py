@@ -67,6 +67,7 @@ def test_order_follows_the_data():
     [
         ({"vorticity": 0.5}, "confine_vorticity"),
         ({"wind": (0.0, 0.0, 1.0)}, "blow_wind"),
+        ({"turbulence": 0.5}, "stir_air"),
         ({"viscosity": 0.5}, "diffuse_velocity"),
         ({"density_diffusion": 0.5}, "diffuse_density"),
         ({"density_dissipation": 0.5}, "dissipate_density"),

@@ -29,6 +29,7 @@ from warp_smoke.fluid.operators import (
 from warp_smoke.fluid.pressure import PRESSURE_SOLVERS, PressureProblem, PressureStatus
 from warp_smoke.fluid.solid_boundary import SolidBoundary
 from warp_smoke.fluid.state import make_state
+from warp_smoke.fluid.turbulence import PEAK, Turbulence
 from warp_smoke.fluid.vorticity import VorticityConfinement
 from warp_smoke.fluid.wind import Wind
 from warp_smoke.launch import Launcher
@@ -103,6 +104,9 @@ class SmokeSolver:
         self._wind = Wind(launcher, plan.lattice, plan.domain.wind) if windy else None
         if self._has("add_buoyancy"):
             self._buoyancy = Buoyancy(launcher, shape, sides, plan.lattice.up)
+        self._turbulence, strength = None, plan.domain.turbulence
+        if self._has("stir_air") and strength:
+            self._turbulence = Turbulence(launcher, plan.lattice, strength, plan.domain.turbulence_scale)
         if self._has("confine_vorticity"):
             self._confinement = VorticityConfinement(launcher, shape, plan.lattice.h, self._measures)
 
@@ -181,6 +185,7 @@ class SmokeSolver:
         if self._flows:
             confinement = self._confine_vorticity(dt)  # before buoyancy moves faces of solids: its cap counts them
             self._add_buoyancy(dt)
+            self._stir_air(start, end, dt)
             diffusion = self._diffuse_velocity(dt)
             pressure = self._project_pressure()
             courant, speed = self._advect(dt)
@@ -190,7 +195,7 @@ class SmokeSolver:
         return replace(report, diffusion=max(report.diffusion, diffusion))
 
     def _count_steps(self, seconds: float, speed: float) -> int:
-        """Steps that keep (max|u| + a dt) dt within the limit, a the largest acceleration by buoyancy."""
+        """Steps that keep (max|u| + a dt) dt within the limit, a the largest acceleration by forces."""
         domain, state, acceleration = self._domain, self.state, 0.0
         with self._timings.measure("measure_motion"):
             density = self._departure("density", state.density, 0.0)
@@ -198,6 +203,8 @@ class SmokeSolver:
         if self._has("add_buoyancy"):
             acceleration = abs(domain.buoyancy_density) * density + abs(domain.buoyancy_temperature) * temperature
         reach = domain.max_courant * self._lattice.h  # how far smoke may go in a step [m]
+        if self._turbulence:
+            acceleration += PEAK * domain.turbulence
         steps = seconds * (speed + sqrt(speed * speed + 4.0 * acceleration * reach)) / (2.0 * reach)
         return ceil(min(steps, _MAX_STEPS) * (1.0 - _ROUND_OFF))
 
@@ -252,6 +259,11 @@ class SmokeSolver:
             if domain.buoyancy_temperature and state.temperature is not None:
                 strength = domain.buoyancy_temperature * dt
                 self._buoyancy.add(state.temperature, domain.ambient_temperature, strength, state.velocity)
+
+    def _stir_air(self, start: float, end: float, dt: float) -> None:
+        if self._turbulence:
+            with self._timings.measure("stir_air"):
+                self._turbulence.add(self.state.velocity, end * dt / (end - start), dt)
 
     def _diffuse_velocity(self, dt: float) -> float:
         """Returns the bound on the error of diffusion."""

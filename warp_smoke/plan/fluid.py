@@ -32,8 +32,8 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
     pushing = [e for e in emitters if np.any(each_value(e.velocity)) or (e.inherit_velocity and is_moving(e))]
     stirring = [c for c in colliders if is_moving(c)]
     windy = any(domain.wind) and "open" in lattice.sides
-    flows = bool(buoyant_by_heat or buoyant_by_weight or pushing or stirring or windy)
-    still = "nothing moves the air: no buoyancy, no wind, no emitter that pushes, no moving collider"
+    flows = bool(buoyant_by_heat or buoyant_by_weight or pushing or stirring or windy or domain.turbulence)
+    still = "nothing moves the air: no buoyancy, no wind, no turbulence, no emitter that pushes, no moving collider"
     cold = "no buoyancy reads it and it is not exported"
 
     kept = []
@@ -68,6 +68,8 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
     why = "smoke is hotter or colder than the air" if buoyant_by_heat else "smoke has weight"
     why_not = "no emitter makes smoke that buoyancy acts on"
     choose("add_buoyancy", buoyant_by_heat or buoyant_by_weight, why, why_not, makes="velocity")
+    why = f"turbulence is {domain.turbulence:g} m/s²"
+    choose("stir_air", domain.turbulence, why, "turbulence is 0", makes="velocity")
     why_not = still if domain.vorticity else "vorticity is 0"
     choose(
         "confine_vorticity", flows and domain.vorticity, f"vorticity is {domain.vorticity:g}", why_not, makes="velocity"

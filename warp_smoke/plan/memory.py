@@ -9,7 +9,7 @@ from warp_smoke.shadow.light_buffer import fit_shear, light_in_cells
 from warp_smoke.shadow.projective import SCATTER_PARTS
 
 # Floats for each cell; velocity components count as one each.
-_STATE = {"emit_density": 1, "emit_temperature": 1, "voxelize_colliders": 4, "confine_vorticity": 4}
+_STATE = {"emit_density": 1, "emit_temperature": 1, "voxelize_colliders": 4, "confine_vorticity": 4, "stir_air": 3}
 _FLOW = 5  # velocity, pressure's first guess and divergence
 _SOLVER = {
     "spectral": 1.1,

@@ -17,6 +17,7 @@ PASS_NAMES = (
     "emit_temperature",
     "emit_velocity",
     "add_buoyancy",
+    "stir_air",
     "confine_vorticity",
     "diffuse_velocity",
     "project_pressure",

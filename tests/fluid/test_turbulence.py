@@ -1,0 +1,66 @@
+"""Turbulence: a force without divergence, as strong as asked for, the same in every run, at any resolution."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import plume
+from staggered import CLOSED, OPEN, lattice_of
+
+from warp_smoke import make_plan
+from warp_smoke.fluid.grid import face_shape
+from warp_smoke.fluid.solver import SmokeSolver
+from warp_smoke.fluid.turbulence import PEAK, Turbulence
+from warp_smoke.timing import Timings
+
+
+def _force(launcher, n=32, voxel_size=1 / 32, scale=0.25, strength=2.0, time=0.3):
+    """The acceleration on the faces of a box."""
+    lattice = lattice_of((n, n, n), voxel_size=voxel_size)
+    velocity = tuple(launcher.zeros(face_shape((n, n, n), axis), "test") for axis in range(3))
+    Turbulence(launcher, lattice, strength, scale).add(velocity, time, 1.0)
+    return [component.numpy().astype(float) for component in velocity]
+
+
+def test_free_of_divergence(launcher):
+    """In every cell what goes in comes out, to round-off."""
+    u, v, w = _force(launcher)
+    divergence = np.diff(u, axis=0) + np.diff(v, axis=1) + np.diff(w, axis=2)
+    assert np.abs(divergence).max() < 1e-5 * np.abs(u).max()
+
+
+@pytest.mark.parametrize("strength", [0.1, 3.0])
+def test_as_strong_as_asked_for(launcher, strength):
+    """The root mean square is the strength, and the peak what the step count allows for; no axis is favoured."""
+    components = _force(launcher, n=64, voxel_size=1 / 64, scale=1 / 8, strength=strength)
+    squares = [(component**2).mean() for component in components]
+    assert np.sqrt(sum(squares)) == pytest.approx(strength, rel=0.1)  # of 8³ eddies
+    np.testing.assert_allclose(squares, np.mean(squares), rtol=0.25)
+    assert max(np.abs(component).max() for component in components) < PEAK * strength
+
+
+def test_does_not_depend_on_the_resolution(launcher):
+    """Twice the cells: faces of the coarse lattice have the mean of the four fine ones in them, to order 2."""
+    coarse = _force(launcher, n=16, voxel_size=1 / 16, scale=0.5)[0]
+    fine = _force(launcher, n=32, voxel_size=1 / 32, scale=0.5)[0]
+    means = fine[::2].reshape(17, 16, 2, 16, 2).mean(axis=(2, 4))
+    assert np.abs(means - coarse).max() < 0.05 * np.abs(coarse).max()
+
+
+def test_changes_in_time_and_is_repeatable(launcher):
+    """The same time gives the same bits; an eddy is another after its turnover time √(scale / strength)."""
+    now, again, soon, later = (_force(launcher, time=time)[1] for time in (0.3, 0.3, 0.31, 1.3))
+    np.testing.assert_array_equal(now, again)
+    assert np.abs(soon - now).mean() < 0.2 * np.abs(now).mean() < np.abs(later - now).mean()
+
+
+@pytest.mark.parametrize("boundary", [OPEN, CLOSED], ids=["open", "closed"])
+def test_stirs_still_air(launcher, boundary):
+    """Turbulence alone moves air, as fast as its strength and size make it, and stays bounded."""
+    scene = plume(boundary=boundary, turbulence=1.0, turbulence_scale=0.5)
+    scene = replace(scene, domains=[replace(scene.domains[0], buoyancy_temperature=0.0)])
+    (plan,) = make_plan(scene).domains
+    solver = SmokeSolver(launcher, plan, Timings(launcher))
+    solver.begin(1)
+    speeds = [solver.advance(frame, frame + 1, 1 / 12).speed for frame in range(1, 25)]
+    assert 0.2 < max(speeds) < 5.0
