@@ -168,6 +168,7 @@ def test_fields_can_be_written_between_steps():
         {"viscosity": 0.01, "diffusion_solver": "jacobi"},
         {"density_diffusion": 0.01, "colliders": [BALL]},
         {"advection": "semi_lagrangian"},
+        {"advection": "bfecc"},
         {"colliders": [BALL]},
         {"pressure_solver": "multigrid"},
         {"pressure_solver": "jacobi"},

@@ -38,6 +38,8 @@ _FLUID = {
     "project_pressure red_black": (*_ITERATIVE, "fluid.pressure.relaxation"),
     "project_pressure jacobi": (*_ITERATIVE, "fluid.pressure.relaxation"),
     "advect_density": ("fluid.trace", "fluid.advection"),
+    "advect_density semi_lagrangian_cubic": ("fluid.cubic",),
+    "advect_density bfecc": ("fluid.bfecc",),
     "diffuse_velocity spectral": _SPECTRAL_DIFFUSION,
     "diffuse_velocity jacobi": _JACOBI_DIFFUSION,
     "diffuse_density spectral": _SPECTRAL_DIFFUSION,

@@ -31,7 +31,7 @@ from warp_smoke.record import (
 AXES = ("X", "Y", "Z")
 SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
 BOUNDARIES = ("open", "closed", "no_slip")
-ADVECTION_SCHEMES = ("semi_lagrangian", "maccormack")
+ADVECTION_SCHEMES = ("semi_lagrangian", "semi_lagrangian_cubic", "maccormack", "bfecc")
 PRESSURE_SOLVERS = (
     "spectral",
     "multigrid",

@@ -8,9 +8,9 @@ from scenes import at, plume
 
 import warp_smoke as ws
 from warp_smoke.fluid.active_box import fit_boxes, hull
-from warp_smoke.fluid.advection import ADVECTION_SCHEMES
 from warp_smoke.fluid.grid import Box, face_shape
 from warp_smoke.fluid.measures import Measures
+from warp_smoke.fluid.schemes import ADVECTION_SCHEMES
 from warp_smoke.fluid.solver import SmokeSolver
 from warp_smoke.timing import Timings
 

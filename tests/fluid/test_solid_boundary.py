@@ -7,9 +7,9 @@ import pytest
 import warp as wp
 
 from warp_smoke import Collider, Mesh, Samples, Scene, SmokeDomain
-from warp_smoke.fluid.advection import ADVECTION_SCHEMES
 from warp_smoke.fluid.colliders import Solids
 from warp_smoke.fluid.grid import face_shape
+from warp_smoke.fluid.schemes import ADVECTION_SCHEMES
 from warp_smoke.fluid.solid_boundary import SolidBoundary
 from warp_smoke.lattice import place_lattice
 

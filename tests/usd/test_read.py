@@ -341,7 +341,7 @@ def test_prototypes_of_a_point_instancer_are_not_read(tmp_path):
         (DOMAIN % "float smoke:timeScale = nan", "/World/Box: smoke:timeScale is nan; allowed: a finite number"),
         (
             DOMAIN % 'token smoke:advection = "upwind"',
-            "/World/Box: smoke:advection is upwind; allowed: semi_lagrangian, maccormack",
+            "/World/Box: smoke:advection is upwind; allowed: semi_lagrangian, semi_lagrangian_cubic, maccormack, bfecc",
         ),
         (
             DOMAIN % 'token[] smoke:grids = ["heat"]',

@@ -34,7 +34,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def _end_of_trace(
+def end_of_trace(
     x0: wp.array3d[float],
     y0: wp.array3d[float],
     z0: wp.array3d[float],
@@ -88,7 +88,7 @@ def _sample_back(
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x, y, z, inside = _end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, a, lower, upper)
+        x, y, z, inside = end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, a, lower, upper)
         value = sample(a, x, y, z)
         out[i, j, k] = bits(settle(ambient + inside * (value - ambient)))
         k += 1
@@ -125,7 +125,7 @@ def _guess(
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x, y, z, inside = _end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, a, lower, upper)
+        x, y, z, inside = end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, a, lower, upper)
         a000, a001, a010, a011, a100, a101, a110, a111 = corners(a, x, y, z)
         fx = fraction(x, a.shape[0])
         fy = fraction(y, a.shape[1])
@@ -177,7 +177,7 @@ def _correct_within(
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x, y, z, inside = _end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, guess, lower, upper)
+        x, y, z, inside = end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, guess, lower, upper)
         value = new[i, j, k] + 0.5 * inside * (old[i, j, k] - sample(guess, x, y, z))
         out[i, j, k] = bits(settle(within(value, low[i, j, k], high[i, j, k])))
         k += 1
@@ -216,7 +216,7 @@ def _correct_or_not(
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x, y, z, inside = _end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, guess, lower, upper)
+        x, y, z, inside = end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, guess, lower, upper)
         value = new[i, j, k] + 0.5 * inside * (old[i, j, k] - sample(guess, x, y, z))
         limited = within(value, low[i, j, k], high[i, j, k])
         out[i, j, k] = bits(settle(wp.where(limited == value, value, new[i, j, k])))
@@ -284,6 +284,8 @@ class _Samples:
 
 class SemiLagrangian:
     """Order 1: each sample takes the value interpolated where its trace began."""
+
+    _kernel = _sample_back
 
     def __init__(
         self,
@@ -383,7 +385,7 @@ class SemiLagrangian:
     def _carry(self, samples: _Samples, field: wp.array, limits: tuple, ambient: float, new: wp.array) -> None:
         shape, block = samples.carried
         self._keep(samples, field, new)
-        self._launcher.launch(_sample_back, shape, block, *self._back, field, *limits, ambient, new)
+        self._launcher.launch(self._kernel, shape, block, *self._back, field, *limits, ambient, new)
         if self._boundary and samples is self._cells:
             self._boundary.sample(self._back, field, limits, ambient, (new, new, new))
 
@@ -439,6 +441,18 @@ class MacCormack(SemiLagrangian):
         if self._boundary and samples is self._cells:
             self._boundary.sample(self._back, field, limits, ambient, (guess, *bounds))
         self._continue(samples, field, guess)
+        self._correct(samples, field, limits, new)
+
+    def _correct(self, samples: _Samples, field: wp.array, limits: tuple, new: wp.array) -> None:
+        """Makes the new field of the guess, within the bounds.
+
+        Args:
+            samples: where the field is sampled.
+            field: the old one.
+            limits: where traces back may end, for fields that go beyond open sides.
+            new: written.
+        """
+        (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
         correct = _correct_within if samples is self._cells else _correct_or_not
         args = (*self._ahead, field, guess, *bounds, *samples.limits, new)
         self._launcher.launch(correct, shape, block, *args)
@@ -456,7 +470,3 @@ def limit_energy(launcher: Launcher, velocity: tuple, energy: float, most: float
     if energy > most:
         for component in velocity:
             launcher.launch(_scale, component.shape, sqrt(most / energy), component)
-
-
-# All fields of a domain are carried by the same scheme.
-ADVECTION_SCHEMES = {"semi_lagrangian": SemiLagrangian, "maccormack": MacCormack}

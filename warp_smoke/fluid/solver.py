@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from warp_smoke.fluid.active_box import FAST, fit_boxes, hull
-from warp_smoke.fluid.advection import ADVECTION_SCHEMES, limit_energy
+from warp_smoke.fluid.advection import limit_energy
 from warp_smoke.fluid.colliders import Solids
 from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffusion_number
 from warp_smoke.fluid.dissipation import decay
@@ -27,6 +27,7 @@ from warp_smoke.fluid.operators import (
     subtract_gradient,
 )
 from warp_smoke.fluid.pressure import PRESSURE_SOLVERS, PressureProblem, PressureStatus
+from warp_smoke.fluid.schemes import ADVECTION_SCHEMES
 from warp_smoke.fluid.solid_boundary import SolidBoundary
 from warp_smoke.fluid.state import make_state
 from warp_smoke.fluid.turbulence import PEAK, Turbulence

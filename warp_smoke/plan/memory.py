@@ -21,7 +21,7 @@ _SOLVER = {
 }
 _OPEN_FACES = 4  # iterative solvers need them without colliders too
 _DIFFUSION = {"spectral": 0, "jacobi": 2}
-_ADVECTION = {"semi_lagrangian": 7.0, "maccormack": 16.0}
+_ADVECTION = {"semi_lagrangian": 7.0, "semi_lagrangian_cubic": 7.0, "maccormack": 16.0, "bfecc": 20.0}
 
 
 def memory_estimate(

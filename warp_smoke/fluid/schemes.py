@@ -1,0 +1,12 @@
+"""The advection schemes by name; all fields of a domain are carried by the same one."""
+
+from warp_smoke.fluid.advection import MacCormack, SemiLagrangian
+from warp_smoke.fluid.bfecc import Bfecc
+from warp_smoke.fluid.cubic import CubicSemiLagrangian
+
+ADVECTION_SCHEMES = {
+    "semi_lagrangian": SemiLagrangian,
+    "semi_lagrangian_cubic": CubicSemiLagrangian,
+    "maccormack": MacCormack,
+    "bfecc": Bfecc,
+}
