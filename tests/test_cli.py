@@ -2,10 +2,13 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from scenes import at, floor, plume
 
+import warp_smoke as ws
 from warp_smoke import cli
 
 STAGES = Path(__file__).parents[1] / "stages"
@@ -50,11 +53,23 @@ def test_json(warp_smoke):
         json.loads(out)
 
 
-def test_bake_all(warp_smoke):
+def test_bake_all(warp_smoke, tmp_path):
     """--bake-all plans a bake for every visible mesh."""
-    _, out, _ = warp_smoke("plan", STAGES / "room.usda", "--json", "--bake-all")
+    box = ws.Surface(path="/World/Box", mesh=ws.Mesh.box(0.5), transform=at(1, 0.5, 0))
+    replace(plume(), surfaces=[floor(), box]).save(tmp_path / "set.usda")
+    for options, expected in (((), {"/World/Floor"}), (("--bake-all",), {"/World/Floor", "/World/Box"})):
+        _, out, _ = warp_smoke("plan", "set.usda", "--json", *options)
+        assert {each["subjects"][0] for each in json.loads(out)["passes"] if each["name"] == "bake"} == expected
+
+
+def test_bake_all_leaves_out_what_cannot_hold_a_bake(warp_smoke):
+    """A Cylinder has no texture coordinates on its prim: it is not baked, and the run goes through."""
+    args = ("--bake-all", "--frames", "1:1", "--resolution", 16)
+    status, _, _ = warp_smoke("run", PLUME, *args)
+    assert status == 0
+    _, out, _ = warp_smoke("plan", PLUME, "--json", *args)
     receivers = {each["subjects"][0] for each in json.loads(out)["passes"] if each["name"] == "bake"}
-    assert len(receivers) > 5
+    assert receivers == {"/World/Floor"}
 
 
 def test_warnings_of_the_bake_are_printed(warp_smoke, tmp_path):

@@ -316,7 +316,7 @@ def _open(stage: Path, frames: str | None, resolution: int | None, bake_all: boo
     if resolution is not None:
         scene = replace(scene, domains=[replace(domain, resolution=resolution) for domain in scene.domains])
     if bake_all:
-        baked = [s.receiver or (None if s.instancer else warp_smoke.Receiver(path=s.path)) for s in scene.surfaces]
+        baked = [s.receiver or (warp_smoke.Receiver(path=s.path) if s.holds_bakes else None) for s in scene.surfaces]
         surfaces = [replace(s, receiver=receiver) for s, receiver in zip(scene.surfaces, baked, strict=True)]
         scene = replace(scene, surfaces=surfaces)
     return scene

@@ -296,6 +296,7 @@ class Surface(Prim):
         receiver: what to bake, or None.
         instancer: path of the `PointInstancer` that the surface is an instance of: it has no prim of its own, and so
             no receiver; not part of equality.
+        holds_bakes: whether its prim can hold bakes, as a Mesh can and a Sphere cannot; not part of equality.
     """
 
     mesh: Mesh
@@ -303,6 +304,7 @@ class Surface(Prim):
     visible: bool | Samples = True
     receiver: Receiver | None = None
     instancer: str | None = field(default=None, compare=False)
+    holds_bakes: bool = field(default=True, compare=False)
 
     def __post_init__(self):
         super().__post_init__()

@@ -296,6 +296,10 @@ def test_first_camera_under_the_default_prim(tmp_path):
         (EMITTER % 'token smoke:source = "volume"', None),
         (EMITTER % "float smoke:densty = 1", "/World/Source: smoke:densty is not an attribute of any smoke schema"),
         (
+            'def Cube "A" ( apiSchemas = ["SmokeEmiterAPI"] ) { }',
+            "/World/A: apiSchemas has SmokeEmiterAPI, which is unknown; did you mean SmokeEmitterAPI?",
+        ),
+        (
             'def Cube "A" { float smoke:thickness = 2 }',
             "/World/A: smoke:thickness has no effect, since SmokeColliderAPI is not applied",
         ),

@@ -21,7 +21,14 @@ from warp_smoke.usd.read_instances import InstanceReader, instanced_prims
 from warp_smoke.usd.read_light import is_ambient, link_light, read_ambient, read_light
 from warp_smoke.usd.read_material import MaterialReader
 from warp_smoke.usd.read_mesh import has_geometry, read_geometry, read_spheres
-from warp_smoke.usd.read_smoke import read_collider, read_domain, read_emitter, read_receiver, stray_attributes
+from warp_smoke.usd.read_smoke import (
+    read_collider,
+    read_domain,
+    read_emitter,
+    read_receiver,
+    stray_attributes,
+    unknown_schemas,
+)
 from warp_smoke.usd.reader import StageReader, bad_input
 from warp_smoke.usd.schema import register_schema
 
@@ -120,7 +127,7 @@ class _Contents:
     def add(self, reader: StageReader, prim: Usd.Prim) -> None:
         """Adds what one prim stands for, or one instance's copy of it."""
         applied = set(prim.GetPrimTypeInfo().GetAppliedAPISchemas())
-        for text in stray_attributes(prim, applied):
+        for text in (*unknown_schemas(applied), *stray_attributes(prim, applied)):
             reader.warn(prim, text)
         instanced = isinstance(reader, InstanceReader)
         if instanced and (is_ambient(prim) or "SmokeDomainAPI" in applied):
@@ -191,6 +198,7 @@ class _Contents:
                     visible=reader.visible(prim),
                     receiver=read_receiver(reader, prim) if receives and prim.IsA(UsdGeom.Mesh) else None,
                     instancer=reader.instancer if isinstance(reader, InstanceReader) else None,
+                    holds_bakes=prim.IsA(UsdGeom.Mesh) and not isinstance(reader, InstanceReader),
                 )
             )
 

@@ -2,6 +2,7 @@
 
 import typing
 from collections.abc import Iterator
+from difflib import get_close_matches
 
 from pxr import Usd, UsdGeom
 
@@ -78,6 +79,15 @@ def read_smoke_fields(reader: StageReader, prim: Usd.Prim, schema: str, record: 
 def smoke_names(schema: str, record: type[Record]) -> dict[str, str]:
     """Field → attribute, for the errors of a record that a schema fills."""
     return {"transform": TRANSFORM, **smoke_fields(record, schema_attributes()[schema])}
+
+
+def unknown_schemas(applied: set[str]) -> Iterator[str]:
+    """What is wrong with the names of applied schemas that look like ours and are not."""
+    known = schema_attributes()
+    for name in sorted(applied):
+        if name.startswith("Smo") and name.endswith("API") and name not in known:
+            meant = get_close_matches(name, known, 1)
+            yield f"apiSchemas has {name}, which is unknown" + (f"; did you mean {meant[0]}?" if meant else "")
 
 
 def stray_attributes(prim: Usd.Prim, applied: set[str]) -> Iterator[str]:
