@@ -17,13 +17,14 @@ class Mesh(Record):
     Attributes:
         points: [n, 3] float32 in stage units; Samples [t, n, 3] where the points move (the triangles stay).
         triangles: indices into points, [m, 3] int32.
-        normals: unit normal at each corner, [m, 3, 3] float32, or None: flat unless `smooth_normals` are asked for.
+        normals: unit normal at each corner, [m, 3, 3] float32; Samples [t, m, 3, 3] where they turn; or None: flat
+            unless `smooth_normals` are asked for.
         uvs: texture coordinates at each corner, [m, 3, 2] float32, v up, or None.
     """
 
     points: np.ndarray | Samples
     triangles: np.ndarray
-    normals: np.ndarray | None = None
+    normals: np.ndarray | Samples | None = None
     uvs: np.ndarray | None = None
 
     def __post_init__(self):
@@ -46,19 +47,28 @@ class Mesh(Record):
             value = getattr(self, name)
             if value is None:
                 continue
-            self._store(name, read_only(value, np.float32))
-            allowed = (len(self.triangles), 3, width)
-            if getattr(self, name).shape != allowed:
-                raise FieldError("mesh", name, f"shape {np.shape(value)}", str(list(allowed)))
+            if isinstance(value, Samples):
+                self._store(name, Samples(value.times, read_only(value.values, np.float32)))
+            else:
+                self._store(name, read_only(value, np.float32))
+            allowed, shape = (len(self.triangles), 3, width), each_value(getattr(self, name)).shape[1:]
+            if shape != allowed:
+                raise FieldError("mesh", name, f"shape {shape}", str(list(allowed)))
 
     def points_at(self, time: float) -> np.ndarray:
         """Local points at a time code, [n, 3] float32."""
         return value_at(self.points, time)
 
+    def normals_at(self, time: float) -> np.ndarray | None:
+        """Unit normals at the triangles' corners at a time code, [m, 3, 3] float32, or None."""
+        normals = value_at(self.normals, time)
+        return normalized(normals).astype(np.float32) if isinstance(self.normals, Samples) else normals
+
     @property
     def deforms(self) -> bool:
-        """Whether the points move."""
-        return isinstance(self.points, Samples) and bool(np.ptp(self.points.values, axis=0).any())
+        """Whether the points move, or the normals."""
+        changing = (value for value in (self.points, self.normals) if isinstance(value, Samples))
+        return any(np.ptp(value.values, axis=0).any() for value in changing)
 
     @classmethod
     def box(cls, size=(2.0, 2.0, 2.0), lower=None) -> "Mesh":

@@ -190,3 +190,16 @@ def test_same_bits_for_any_number_of_threads(threads):
         answers.append((texels.points.numpy().copy(), texels.normals.numpy().copy(), picture))
     for one, other in zip(*answers, strict=True):
         np.testing.assert_array_equal(one.view(np.uint8), other.view(np.uint8))
+
+
+def test_normals_that_turn(launcher):
+    """Texels of a patch whose normals turn alone take the turned ones, and are placed again for it."""
+    patch = Mesh.grid((0, 0, 0), (1, 0, 0), (0, 0, -1))
+    turned = np.broadcast_to(np.float32([0, 0, 1]), patch.normals.shape)
+    mesh = Mesh(patch.points, patch.triangles, Samples([1, 3], np.stack([patch.normals, turned])), patch.uvs)
+    texels = TexelMap(launcher, receiver(mesh), np.zeros(3))
+    half = np.sqrt(0.5)
+    for time, expected in ((1, [0, 1, 0]), (2, [0, half, half]), (3, [0, 0, 1])):
+        assert texels.update(time)
+        np.testing.assert_allclose(texels.normals.numpy(), np.broadcast_to(expected, (texels.count, 3)), atol=1e-6)
+    assert not texels.update(3)

@@ -124,28 +124,39 @@ def test_moving_points_become_samples(tmp_path):
     assert np.array_equal(mesh.points_at(2), np.float32([[0, 0, 2], [1, 0, 2], [0, 1, 2]]))
 
 
-@pytest.mark.parametrize(
-    ("more", "faceted"),
-    [
-        ('token subdivisionScheme = "none"', False),
-        ("", True),
-        ("normal3f[] normals.timeSamples = { 1: [(0, 0, 1)], 3: [(0, 1, 0)] }", True),
-        ('normal3f[] normals = [(0, 0, 1)] ( interpolation = "constant" )', False),
-    ],
-)
-def test_normals_of_moving_points(tmp_path, more, faceted):
-    """Normals that would have to move with the points are left out, with a warning; authored ones that do not, stay."""
-    scene = scene_of(
-        tmp_path,
-        f"""def Mesh "A" {{
-        int[] faceVertexCounts = [3]
-        int[] faceVertexIndices = [0, 1, 2]
-        point3f[] points.timeSamples = {{ 1: [(0, 0, 0), (1, 0, 0), (0, 1, 0)], 3: [(0, 0, 4), (1, 0, 4), (0, 1, 4)] }}
-        {more} }}""",
-    )
-    warning = "/World/A: normals that move with the points are not supported; the mesh is faceted"
-    assert scene.warnings == ((warning,) if faceted else ())
-    assert (scene.surfaces[0].mesh.normals is None) == (faceted or "normals" not in more)
+MOVING = """def Mesh "A" {
+    int[] faceVertexCounts = [3]
+    int[] faceVertexIndices = [0, 1, 2]
+    point3f[] points.timeSamples = { 1: [(0, 0, 0), (1, 0, 0), (0, 1, 0)], 3: [(0, 0, 0), (1, 0, 0), (0, 0, 1)] }
+    %s }"""
+
+
+def test_smooth_normals_turn_with_the_points(tmp_path):
+    """A smooth mesh whose triangle turns from +z to −y has the triangle's own normal at every frame on the way."""
+    mesh = mesh_of(tmp_path, MOVING % "")
+    for time in (1, 2, 3):
+        np.testing.assert_allclose(
+            mesh.normals_at(time), corner_normals(mesh.points_at(time), mesh.triangles), atol=1e-6
+        )
+    np.testing.assert_allclose(mesh.normals_at(2)[0, 0], [0, -np.sqrt(0.5), np.sqrt(0.5)], atol=1e-6)
+
+
+def test_authored_normals_turn(tmp_path):
+    """Normals with samples are unit between them too, whether the points move or not; ones that stay are one array."""
+    turning = """normal3f[] normals ( interpolation = "uniform" )
+        normal3f[] normals.timeSamples = { 1: [(0, 0, 1)], 3: [(0, 1, 0)] }"""
+    for stage in (MOVING % turning, f'def Mesh "A" {{ {QUAD} {turning.replace("uniform", "constant")} }}'):
+        mesh = mesh_of(tmp_path, stage)
+        assert mesh.deforms
+        np.testing.assert_allclose(mesh.normals_at(1)[0, 0], [0, 0, 1])
+        np.testing.assert_allclose(mesh.normals_at(2)[0, 1], [0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-6)
+    still = mesh_of(tmp_path, MOVING % 'normal3f[] normals = [(0, 0, 1)] ( interpolation = "constant" )')
+    assert not isinstance(still.normals, Samples)
+
+
+def test_faceted_meshes_have_no_normals_to_turn(tmp_path):
+    """Scheme none without normals is faceted at every time."""
+    assert mesh_of(tmp_path, MOVING % 'uniform token subdivisionScheme = "none"').normals is None
 
 
 def test_changing_number_of_points_is_warned_of(tmp_path):

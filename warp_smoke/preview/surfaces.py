@@ -3,7 +3,6 @@
 import numpy as np
 import pyvista as pv
 
-from warp_smoke.geometry import corner_normals
 from warp_smoke.preview.color import expose_codes, linear_to_srgb
 from warp_smoke.record import value_at
 from warp_smoke.scene import Material, Surface
@@ -37,7 +36,7 @@ class SurfaceActor:
         corners = mesh.points_at(time)[mesh.triangles].reshape(-1, 3)
         self._poly = pv.PolyData.from_regular_faces(corners, np.arange(len(corners)).reshape(-1, 3))
         if mesh.normals is not None:
-            self._poly.point_data.active_normals = mesh.normals.reshape(-1, 3)
+            self._poly.point_data.active_normals = mesh.normals_at(time).reshape(-1, 3)
         if mesh.uvs is not None:
             self._poly.point_data.active_texture_coordinates = mesh.uvs.reshape(-1, 2)
         self.actor = pv.Actor(mapper=pv.DataSetMapper(self._poly))
@@ -73,8 +72,7 @@ class SurfaceActor:
             points = mesh.points_at(time)
             self._poly.points = points[mesh.triangles].reshape(-1, 3)
             if mesh.normals is not None:
-                normals = corner_normals(points, mesh.triangles, smooth=True)
-                self._poly.point_data.active_normals = normals.reshape(-1, 3)
+                self._poly.point_data.active_normals = mesh.normals_at(time).reshape(-1, 3)
 
     def show_picture(self, pixels: np.ndarray, exposure: float = 0.0) -> None:
         """Draws a baked picture as it is: [h, w, 3] uint8 sRGB, top row first."""

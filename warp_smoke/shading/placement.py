@@ -15,7 +15,7 @@ def place_points(surface: Surface, origin: np.ndarray, time: float) -> np.ndarra
 def place_normals(surface: Surface, time: float, smooth: bool = False) -> np.ndarray:
     """Unit normals at each corner, [m, 3, 3] float32: the mesh's own, or flat, or `smooth`; zero without area."""
     mesh = surface.mesh
-    normals = mesh.normals
+    normals = mesh.normals_at(time)
     if normals is None:
         normals = corner_normals(mesh.points_at(time), mesh.triangles, smooth)
     return transform_normals(surface.transform_at(time), normals).astype(np.float32)
@@ -30,6 +30,7 @@ class Placement:
 
     def changed(self, time: float) -> bool:
         """Whether the surface stands elsewhere than at the last call; True at the first one."""
-        now = (self._surface.transform_at(time), self._surface.mesh.points_at(time))
+        mesh = self._surface.mesh
+        now = (self._surface.transform_at(time), mesh.points_at(time), mesh.normals_at(time))
         before, self._last = self._last, now
         return before is None or not all(map(np.array_equal, before, now))

@@ -201,7 +201,9 @@ def _author_shape(stage: Usd.Stage, record: Emitter | Collider | Surface) -> Usd
         geom.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(points), time)
         geom.CreateExtentAttr().Set([points.min(axis=0).tolist(), points.max(axis=0).tolist()], time)
     if mesh.normals is not None:
-        geom.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(mesh.normals.reshape(-1, 3)))
+        times = mesh.normals.times.tolist() if isinstance(mesh.normals, Samples) else [Usd.TimeCode.Default()]
+        for time, normals in zip(times, each_value(mesh.normals), strict=True):
+            geom.CreateNormalsAttr().Set(Vt.Vec3fArray.FromNumpy(normals.reshape(-1, 3)), time)
         geom.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
     if mesh.uvs is not None:
         values, indices = np.unique(mesh.uvs.reshape(-1, 2), axis=0, return_inverse=True)

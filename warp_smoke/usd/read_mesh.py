@@ -11,11 +11,11 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from warp_smoke.geometry import Mesh, Points, corner_normals, normalized
-from warp_smoke.record import FieldError, Samples, each_value, one_of, positive
+from warp_smoke.record import FieldError, Samples, each_value, one_of, positive, value_at
 from warp_smoke.scene import AXES
 from warp_smoke.usd.names import MESH
 from warp_smoke.usd.prims import uv_primvar
-from warp_smoke.usd.reader import StageReader
+from warp_smoke.usd.reader import StageReader, whole_times
 from warp_smoke.usd.triangulate import triangulate
 
 # Normals this far from unit length are normalized; the rest keep their bits.
@@ -105,7 +105,7 @@ def _read_polygons(reader: StageReader, mesh: UsdGeom.Mesh) -> Mesh:
     return Mesh(
         points,
         triangles,
-        _read_normals(reader, mesh, isinstance(points, Samples), still_points, triangles, each_corner),
+        _read_normals(reader, mesh, points, triangles, each_corner),
         _read_uvs(reader, mesh, each_corner),
     )
 
@@ -127,32 +127,39 @@ def _read_points(reader: StageReader, mesh: UsdGeom.PointBased) -> np.ndarray | 
 def _read_normals(
     reader: StageReader,
     mesh: UsdGeom.Mesh,
-    deforms: bool,
-    points: np.ndarray,
+    points: np.ndarray | Samples,
     triangles: np.ndarray,
     each_corner: Callable[[np.ndarray, str], np.ndarray | None],
-) -> np.ndarray | None:
-    """Unit normals at the triangles' corners [m, 3, 3], or None for a faceted mesh."""
+) -> np.ndarray | Samples | None:
+    """Unit normals at the triangles' corners [m, 3, 3], Samples [t, m, 3, 3] if they turn, None for a faceted mesh."""
     prim = mesh.GetPrim()
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
     smooth = mesh.GetSubdivisionSchemeAttr().Get() != UsdGeom.Tokens.none
     if primvar and primvar.HasAuthoredValue():
         attribute, interpolation = primvar.GetAttr(), primvar.GetInterpolation()
-        values = primvar.ComputeFlattened(reader.start)
+        value_at_time = primvar.ComputeFlattened
     else:
         attribute, interpolation = mesh.GetNormalsAttr(), mesh.GetNormalsInterpolation()
-        values = attribute.Get(reader.start)
-    if deforms and (attribute.ValueMightBeTimeVarying() or (smooth and not values)):
-        reader.warn(prim, "normals that move with the points are not supported; the mesh is faceted")
+        value_at_time = attribute.Get
+    times = reader.sample_times([attribute])
+    given = {time: _array(value_at_time(time), np.float32).reshape(-1, 3) for time in (*times, reader.start)}
+    if len(given[reader.start]):
+        if all(each_corner(values, interpolation) is not None for values in given.values()):
+
+            def authored(time: float) -> np.ndarray:
+                normals = each_corner(given[time], interpolation)
+                if not np.all(np.isfinite(normals)):
+                    raise FieldError(str(mesh.GetPath()), "normals", "NaN or infinity", "finite numbers")
+                return _unit(normals, value_at(points, time), triangles)
+
+            return reader.over_time(times, authored)
+        count = len(given[reader.start])
+        reader.warn(prim, f"{count} normals do not fit the mesh ({interpolation}); they are left out")
+    if not smooth:
         return None
-    if values:
-        normals = each_corner(_array(values, np.float32).reshape(-1, 3), interpolation)
-        if normals is not None:
-            if not np.all(np.isfinite(normals)):
-                raise FieldError(str(mesh.GetPath()), "normals", "NaN or infinity", "finite numbers")
-            return _unit(normals, points, triangles)
-        reader.warn(prim, f"{len(values)} normals do not fit the mesh ({interpolation}); they are left out")
-    return corner_normals(points, triangles, smooth=True) if smooth else None
+    times = points.times.tolist() if isinstance(points, Samples) else []
+    times = sorted({*times, *(whole_times(times) if times else ())})
+    return reader.over_time(times, lambda time: corner_normals(value_at(points, time), triangles, smooth=True))
 
 
 def _unit(normals: np.ndarray, points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
