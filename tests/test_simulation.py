@@ -51,8 +51,8 @@ EFFECTS = {
     "surface shadow": (
         {},
         {"surfaces": [floor(), CUBE]},
-        ["shadow.cube", "shadow.directional"],
-        ["casters", "cube_map", "directional_map"],
+        ["shadow.point_map", "shadow.directional"],
+        ["casters", "shadow_map"],
     ),
 }
 
@@ -95,7 +95,7 @@ def test_unlit_scene_has_no_shading():
 def test_static_shadows_are_traced_once():
     """Maps of static lights and casters are traced at the first frame only."""
     simulation, _ = simulate(replace(plume(), surfaces=[floor(), CUBE]))
-    assert simulation.launcher.launches["_trace_cube"] == 1
+    assert simulation.launcher.launches["_trace_tiles"] == 1
     assert simulation.launcher.launches["_trace_directional"] == 1
 
 
