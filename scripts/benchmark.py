@@ -1,12 +1,13 @@
 """Times the fluid: ns per cell and step of each pass, by resolution, threads and collider; prints tables, writes JSON.
 
-    python scripts/benchmark.py [--quick] [OUTPUT.json]
+    python scripts/benchmark.py [--quick] [docs/benchmark.json]
 
 The smoke is a plume in a closed box, some frames old, with vorticity confinement; with a collider, a sphere stands
 in its way. Each figure is the median over steps, next to the bandwidth that copying memory reaches in the same run.
 """
 
 import json
+import platform
 import sys
 from pathlib import Path
 from statistics import median
@@ -14,7 +15,7 @@ from time import perf_counter
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 import warp_smoke as ws
 from warp_smoke.report import environment
@@ -70,14 +71,48 @@ def copy_bandwidth() -> float:
     return 2 * source.nbytes / min(times) / 1e9
 
 
+def processor() -> str:
+    """The processor's name, where the system tells it."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
+    return next((line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.machine())
+
+
+def page(facts: dict) -> str:
+    """The figures as Markdown."""
+    rows = facts["rows"]
+    heads = []
+    for row in rows:
+        threads = f"{row['threads']} thread{'s' * (row['threads'] > 1)}"
+        heads.append(f"{row['resolution']}³{', sphere' if row['collider'] else ''}, {threads}")
+    names = list(dict.fromkeys(name for row in rows for name in row["ns_per_cell"]))
+    names.sort(key=lambda name: -max(row["ns_per_cell"].get(name, 0.0) for row in rows))
+    lines = [
+        "# What the fluid costs",
+        "",
+        "Nanoseconds per cell and step, medians, by `python scripts/benchmark.py docs/benchmark.json` on "
+        f"{facts['environment']['threads']} shared CPU cores ({facts['processor']}). Copying memory on one thread reads and",
+        f"writes {facts['copy_gb_per_s']:.1f} GB/s there: {8 / facts['copy_gb_per_s']:.2f} ns for each float.",
+        "",
+        "| pass | " + " | ".join(heads) + " |",
+        "|---|" + "---:|" * len(rows),
+    ]
+    for name in names:
+        figures = [row["ns_per_cell"].get(name, 0.0) for row in rows]
+        if max(figures) >= 0.05:
+            lines.append(f"| {name} | " + " | ".join(f"{figure:.1f}" if figure else "" for figure in figures) + " |")
+    return "\n".join(lines) + "\n"
+
+
 def main() -> None:
     """Runs every case."""
     arguments = sys.argv[1:]
     quick = "--quick" in arguments
-    console = Console()
+    console = Console(width=max(100, Console().width))
     rows = []
     for collider in (False, True):
-        table = Table("ns per cell and step", title="with a sphere" if collider else "without a collider")
+        table = Table(
+            Column("ns per cell and step", no_wrap=True), title="with a sphere" if collider else "without a collider"
+        )
         columns = []
         for resolution in (64,) if quick else (64, 128):
             for threads in (1, 2):
@@ -95,8 +130,15 @@ def main() -> None:
     console.print(f"copying memory: {bandwidth:.1f} GB/s, {8e0 / bandwidth:.2f} ns for each float read and written")
     files = [argument for argument in arguments if not argument.startswith("-")]
     if files:
-        facts = {"environment": environment(), "copy_gb_per_s": bandwidth, "rows": rows}
-        Path(files[0]).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+        facts = {
+            "environment": {k: v for k, v in environment().items() if k != "kernel cache"},
+            "processor": processor(),
+            "copy_gb_per_s": bandwidth,
+            "rows": rows,
+        }
+        path = Path(files[0])
+        path.write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+        path.with_suffix(".md").write_text(page(facts), encoding="utf-8")
 
 
 if __name__ == "__main__":
