@@ -90,8 +90,8 @@ def page(facts: dict) -> str:
         "# What the fluid costs",
         "",
         "Nanoseconds per cell and step, medians, by `python scripts/benchmark.py docs/benchmark.json` on "
-        f"{facts['environment']['threads']} shared CPU cores ({facts['processor']}). Copying memory on one thread reads and",
-        f"writes {facts['copy_gb_per_s']:.1f} GB/s there: {8 / facts['copy_gb_per_s']:.2f} ns for each float.",
+        f"{facts['environment']['threads']} shared CPU cores ({facts['processor']}).",
+        f"Copying memory on one thread reads and writes {facts['copy_gb_per_s']:.1f} GB/s there: {8 / facts['copy_gb_per_s']:.2f} ns for each float.",
         "",
         "| pass | " + " | ".join(heads) + " |",
         "|---|" + "---:|" * len(rows),
@@ -131,7 +131,7 @@ def main() -> None:
     files = [argument for argument in arguments if not argument.startswith("-")]
     if files:
         facts = {
-            "environment": {k: v for k, v in environment().items() if k != "kernel cache"},
+            "environment": environment(),
             "processor": processor(),
             "copy_gb_per_s": bandwidth,
             "rows": rows,

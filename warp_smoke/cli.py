@@ -277,9 +277,11 @@ def info(*, as_json: Annotated[bool, Parameter(name="--json")] = False):
     as_json
         Print as JSON.
     """
+    import warp as wp
+
     from warp_smoke.report import environment
 
-    facts = environment()
+    facts = environment() | {"kernel cache": str(wp.config.kernel_cache_dir)}
     if as_json:
         print(json.dumps(facts, indent=2))
         return

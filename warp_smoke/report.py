@@ -8,7 +8,7 @@ from rich.table import Table
 
 
 def environment() -> dict:
-    """Versions, devices, threads and the kernel cache's folder."""
+    """Versions, devices and threads."""
     import warp as wp
 
     from warp_smoke.launch import Launcher
@@ -24,7 +24,6 @@ def environment() -> dict:
         "system": f"{platform.system()} {platform.machine()}",
         "devices": [device.alias for device in wp.get_devices()],
         "threads": threads,
-        "kernel cache": str(wp.config.kernel_cache_dir),
     }
 
 
