@@ -91,7 +91,8 @@ def page(facts: dict) -> str:
         "",
         "Nanoseconds per cell and step, medians, by `python scripts/benchmark.py docs/benchmark.json` on "
         f"{facts['environment']['threads']} shared CPU cores ({facts['processor']}).",
-        f"Copying memory on one thread reads and writes {facts['copy_gb_per_s']:.1f} GB/s there: {8 / facts['copy_gb_per_s']:.2f} ns for each float.",
+        f"Copying memory on one thread reads and writes {facts['copy_gb_per_s']:.1f} GB/s there: "
+        f"{8 / facts['copy_gb_per_s']:.2f} ns for each float.",
         "",
         "| pass | " + " | ".join(heads) + " |",
         "|---|" + "---:|" * len(rows),
