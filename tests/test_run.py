@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from pxr import Usd, UsdVol
-from scenes import floor, plume
+from scenes import at, floor, plume
 
 import warp_smoke as ws
 from warp_smoke.usd.validate import validate_stage
@@ -86,6 +86,19 @@ def test_report(tmp_path):
     assert step["substeps"] >= 1
     assert all(status["converged"] for status in step["pressure"])
     assert report["frames"][0]["domains"] == {}
+
+
+def test_depth_maps_to_look_at(tmp_path):
+    """Shadow maps are written as grey pictures: a cross for the point light, a square for the sun."""
+    cube = ws.Surface(path="/World/Cube", mesh=ws.Mesh.box(0.5), transform=at(0.5, 1, 0))
+    scene = replace(plume(frames=1), surfaces=[floor(), cube])
+    scene = replace(scene, lights=[replace(light, shadow_map_size=64) for light in scene.lights])
+    folder = ws.run(scene, tmp_path / "out", depth_maps=True).folder / "textures"
+    cross, square = (np.asarray(Image.open(folder / f"{name}.depth.png")) for name in ("Lamp", "Sun"))
+    assert cross.shape == (192, 256)
+    assert square.shape == (64, 64)
+    assert cross[128:, 64:128].min() < 200  # the face that looks down sees the cube
+    assert square.min() < square.max()
 
 
 def test_scene_without_anything(tmp_path):

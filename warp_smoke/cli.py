@@ -41,6 +41,7 @@ def run(
     bake_all: bool = False,
     device: str = "cpu",
     threads: int | None = None,
+    depth_maps: bool = False,
     flatten: bool = False,
     usdz: bool = False,
     watch: Annotated[bool, Parameter(name="--preview")] = False,
@@ -64,6 +65,8 @@ def run(
         cpu, cuda or cuda:N.
     threads
         CPU threads; all unless given.
+    depth_maps
+        Also write the shadow maps of the last frame as pictures, textures/LIGHT.depth.png.
     flatten
         Also write the stage as one layer, NAME.flat.usdc, beside its volumes and textures.
     usdz
@@ -89,7 +92,7 @@ def run(
             live(frame)
 
     with bar:
-        result = warp_smoke.run(scene, output, device=device, threads=threads, on_frame=show)
+        result = warp_smoke.run(scene, output, device=device, threads=threads, depth_maps=depth_maps, on_frame=show)
     if live:
         live.close()
     written = [result.stage]

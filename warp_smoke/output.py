@@ -101,6 +101,12 @@ class Output:
             for future in self._waiting.pop(0):
                 future.result()
 
+    def write_depth_maps(self) -> None:
+        """Writes the shadow maps as they now stand, one grey picture a light: a cross of six faces for a cube map."""
+        pictures = self._simulation.depth_pictures()
+        for path, stem in _file_stems(list(pictures)).items():
+            write_png(self._folder / f"textures/{stem}.depth.png", pictures[path])
+
     def finish(self, set_up: float) -> Result:
         """Writes the layers and the report once every other file is there.
 

@@ -20,6 +20,7 @@ def run(
     *,
     device: str = "cpu",
     threads: int | None = None,
+    depth_maps: bool = False,
     on_frame: Callable[["Frame"], None] | None = None,
 ) -> "Result":
     """Simulates, shadows, bakes and writes every frame of a scene.
@@ -29,6 +30,7 @@ def run(
         folder: for the results; `out/NAME` unless given.
         device: `cpu`, `cuda` or `cuda:N`.
         threads: CPU threads; all unless given.
+        depth_maps: whether to write the shadow maps of the last frame as `textures/LIGHT.depth.png`, to look at.
         on_frame: called with each finished frame.
 
     Raises:
@@ -59,4 +61,6 @@ def run(
             output.write(frame)
             if on_frame:
                 on_frame(frame)
+        if depth_maps:
+            output.write_depth_maps()
         return output.finish(set_up=ready - began)

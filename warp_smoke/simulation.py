@@ -114,6 +114,10 @@ class Simulation:
     def density(self, values: np.ndarray | wp.array) -> None:
         self.solver().state.density.assign(values)
 
+    def depth_pictures(self) -> dict[str, np.ndarray]:
+        """The shadow maps by path of light, uint8 (white = far); six faces of a cube as a cross [3 n, 4 n]."""
+        return self._lighting.depth_pictures()
+
     def step(self) -> Frame:
         """Makes the next frame: emission alone at the first one, then the fluid's substeps, shadows and bakes.
 
