@@ -86,7 +86,7 @@ def test_help_names_every_option(warp_smoke):
     """--help is there for the tool and for each command."""
     status, out, _ = warp_smoke("--help")
     assert status == 0
-    for command in ("run", "plan", "preview", "validate", "info"):
+    for command in ("run", "plan", "preview", "render", "validate", "info"):
         assert command in out
         assert warp_smoke(command, "--help")[0] == 0
 
