@@ -24,7 +24,7 @@ def digests(folder):
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
-@pytest.mark.parametrize("name", ["plume", "obstacle", "room", "smoke_only"])
+@pytest.mark.parametrize("name", ["plume", "obstacle", "room", "smoke_only", "columns", "mandelbrot"])
 def test_example_stages(name, tmp_path):
     """Each example stage gives a stage that all validators accept, with every file that the plan promises."""
     source = STAGES / f"{name}.usda"
@@ -40,6 +40,7 @@ def test_example_stages(name, tmp_path):
     assert len(list(result.folder.glob("volumes/*.vdb"))) == len(scene.domains) * len(scene.frames)
     bakes = {(r.surface.path, bake): when for r in ws.make_plan(scene).receivers for bake, when in r.bakes.items()}
     count = sum(1 if when == "once" else len(scene.frames) for when in bakes.values())
+    count += len({s.material.path for s in scene.surfaces if s.material and s.material.procedural})
     assert len(list(result.folder.glob("textures/*.png"))) == count
     assert [frame["frame"] for frame in result.report["frames"]] == list(scene.frames)
     assert not list(result.folder.rglob(".*"))  # no partial file

@@ -12,6 +12,8 @@ from warp_smoke.files import write_png, write_text
 from warp_smoke.plan import DomainPlan, ReceiverPlan, When
 from warp_smoke.record import FieldError
 from warp_smoke.report import environment
+from warp_smoke.scene import Material, Scene
+from warp_smoke.shading.procedural import make_picture
 from warp_smoke.simulation import Frame, Simulation, Smoke
 from warp_smoke.usd.export import result_files
 from warp_smoke.usd.material import BakeResult, VertexBakeResult
@@ -56,7 +58,8 @@ class Output:
 
     def __enter__(self) -> "Output":
         _check_folder(self._folder, self._name)
-        inside = ["volumes"] * bool(self._plan.domains) + ["textures"] * bool(self._plan.receivers)
+        pictures = self._plan.receivers or computed_materials(self._plan.scene)
+        inside = ["volumes"] * bool(self._plan.domains) + ["textures"] * bool(pictures)
         self._made = _make_folders(self._folder, inside)
         self._earlier = result_files(self._folder / f"{self._name}{RESULTS_SUFFIX}")
         for earlier in (f"{self._name}.usda", f"{self._name}.results.usdc", "report.json"):
@@ -86,7 +89,7 @@ class Output:
                     pixels = frame.pictures[each.surface.path, bake]
                     number = f".{frame.number:04d}" if when == When.FRAME else ""
                     baked = f"textures/{self._stems[each.surface.path]}.{bake}{number}.png"
-                    if pixels.dtype == np.uint8:
+                    if pixels.dtype in (np.uint8, np.uint16):
                         started.append(self._pool.submit(write_png, self._folder / baked, pixels))
                         pixels = f"./{baked}"
                     self._bakes.setdefault((each.surface.path, bake), {})[frame.number] = pixels
@@ -122,12 +125,21 @@ class Output:
                 for d in self._plan.domains
             ]
             bakes = [self._bake_result(each, bake) for each in self._plan.receivers for bake in each.bakes]
-            stage = write_results(self._folder, self._name, self._plan.scene, volumes, bakes)
+            pictures = self._write_procedurals()
+            stage = write_results(self._folder, self._name, self._plan.scene, volumes, bakes, pictures)
             for left in self._earlier - result_files(self._folder / f"{self._name}{RESULTS_SUFFIX}"):
                 left.unlink(missing_ok=True)
         report = self._report(set_up, perf_counter() - self._began)
         write_text(self._folder / "report.json", json.dumps(report, indent=2) + "\n")
         return Result(self._folder, stage, report)
+
+    def _write_procedurals(self) -> dict[str, str]:
+        """Writes the pictures that materials ask to be computed; gives their files by the material's path."""
+        found = {material.path: material.procedural for material in computed_materials(self._plan.scene)}
+        files = {path: f"textures/{stem}.procedural.png" for path, stem in _file_stems(list(found)).items()}
+        for path, file in files.items():
+            write_png(self._folder / file, make_picture(found[path]).codes)
+        return {path: f"./{file}" for path, file in files.items()}
 
     def _bake_result(self, each: ReceiverPlan, bake: str) -> BakeResult | VertexBakeResult:
         made = self._bakes[each.surface.path, bake]
@@ -152,6 +164,12 @@ class Output:
             "warnings": [*scene.warnings, *self._plan.warnings, *self._simulation.warnings],
             "frames": self._frames,
         }
+
+
+def computed_materials(scene: Scene) -> list[Material]:
+    """The materials on a scene's surfaces whose picture is computed."""
+    bound = {surface.material.path: surface.material for surface in scene.surfaces if surface.material is not None}
+    return [material for material in bound.values() if material.procedural is not None]
 
 
 def _write_smoke(path: Path, each: DomainPlan, smoke: Smoke) -> int:

@@ -92,6 +92,32 @@ def test_highlights_emission_and_ambient(launcher):
     assert not bake.warnings
 
 
+def test_irradiance_and_normals(launcher, tmp_path):
+    """Linear codes of ambient + Σ V B cos θ, whatever the material; and normals along the stage's axes as codes."""
+    direction = np.array([0.6, 0.0, 0.8])
+    codes = np.rint(127.5 * (direction + 1)).astype(np.uint8)
+    Image.fromarray(np.broadcast_to(codes, (2, 2, 3))).save(tmp_path / "n.png")
+    texture = Texture(file=str(tmp_path / "n.png"), scale=(2, 2, 2, 1), bias=(-1, -1, -1, 0))
+    ambient, visibility = (0.05, 0.02, 0.01), 0.25
+    for material, normal in ((Material(diffuse_color=(0, 0, 0)), (0, 1, 0)), (Material(normal_texture=texture), None)):
+        surface = floor(material=material)
+        options = {"bakes": ["irradiance", "normal"], "ambient": ambient, "shadowed": ["/Lamp"]}
+        bake = ReceiverBake(launcher, surface, [LAMP], ORIGIN, **options)
+        bake.update(1.0)
+        bake.visibility["/Lamp"].fill_(visibility)
+        if normal is None:  # u along x, v along −z, and codes that are a little off
+            x, y, z = normalized(2.0 * codes / 255.0 - 1.0)
+            normal = (x, z, -y)
+        to_lamp, arriving = lamp_terms(texel_points())
+        cosine = np.sum(to_lamp * normal, axis=-1, keepdims=True)
+        light = np.array(ambient) + visibility * arriving / to_lamp[..., 1:2] * np.maximum(cosine, 0)
+        irradiance = bake.picture("irradiance")
+        assert irradiance.dtype == np.uint16
+        # Float32 radiance is good to 1e-6 of 65535 codes, and half a code is rounding.
+        assert np.abs(irradiance - 65535 * np.clip(light, 0, 1)).max() <= 1.0
+        assert np.abs(bake.picture("normal") - 127.5 * (np.array(normal) + 1)).max() <= 0.51
+
+
 def test_shadows_multiply_their_light(launcher):
     """lit, visibility and smokeShadow of two lights with given shadows follow their definitions."""
     bake = ReceiverBake(

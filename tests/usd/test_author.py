@@ -43,7 +43,12 @@ from warp_smoke.scene import (
 def numbers(low=-1e6, high=1e6):
     """Numbers as people write them: those that single precision keeps, since most USD attributes are float."""
     single = st.floats(np.float32(low).item(), np.float32(high).item(), width=32, allow_subnormal=False)
-    return single.map(lambda number: float(str(np.float32(number)))).filter(lambda number: low <= number <= high)
+    return single.map(as_written).filter(lambda number: low <= number <= high)
+
+
+def as_written(number):
+    """The shortest decimal that single precision stores as this number."""
+    return float(str(np.float32(number)))
 
 
 def vectors(size, elements):
@@ -60,7 +65,7 @@ def changing(draw, values):
         if samples.ndim == 3:
             samples[-1, 3, :3] += 1  # of a matrix: moved, not sheared
         else:
-            samples[-1] = ~samples[-1] if samples.dtype == bool else samples[-1] + 1
+            samples[-1] = ~samples[-1] if samples.dtype == bool else np.vectorize(as_written)(samples[-1] + 1)
     return Samples(np.sort(times) / 4, samples)
 
 

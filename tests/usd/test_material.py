@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from PIL import Image
 from pxr import Gf, Usd, UsdGeom, UsdShade
 from results import SET, write_all
 
@@ -171,3 +172,33 @@ def test_an_instance_gets_pictures_of_its_own(tmp_path):
     assert look_of(stage, "/World/B/Floor") == GREY
     assert not stage.GetPrimAtPath("/World/A").IsInstance()
     assert stage.GetPrimAtPath("/World/B").IsInstance()
+
+
+def test_a_computed_picture_becomes_the_diffuse_color(tmp_path):
+    """A run writes what smoke:procedural asks for as a PNG, bound so that any renderer shows it; it reads back."""
+    material = ws.Material(path="/World/M", procedural=ws.Procedural(kind="checker", size=8, repeats=2))
+    surface = ws.Surface(path="/World/Plane", mesh=ws.Mesh.grid((0, 0, 0), (1, 0, 0), (0, 1, 0)), material=material)
+    result = ws.run(ws.Scene(surfaces=[surface], end=1), tmp_path / "out")
+    picture = np.asarray(Image.open(tmp_path / "out/textures/M.procedural.png"))
+    assert picture.shape == (8, 8, 3)
+    assert picture[7, 0].tolist() == [255, 0, 0]
+    assert picture[0, 0].tolist() == [0, 255, 0]
+    read = ws.Scene.open(result.stage).surfaces[0].material
+    assert read.procedural == material.procedural
+    assert read.diffuse_texture.file == str(tmp_path / "out/textures/M.procedural.png")
+    assert read.diffuse_texture.color_space == "sRGB"
+
+
+@pytest.mark.parametrize(
+    ("bake", "primvar", "kind"),
+    [("irradiance", "smokeIrradiance", "color3f[]"), ("normal", "smokeNormal", "normal3f[]")],
+)
+def test_other_bakes_at_points(tmp_path, set_stage, bake, primvar, kind):
+    """Irradiance and normals of a mesh without pictures are primvars of their own kind."""
+    scene = ws.Scene.open(set_stage)
+    values = np.full((4, 3), 0.5, np.float32)
+    made = VertexBakeResult(surface=scene.surfaces[0], bake=bake, values=values)
+    stage = Usd.Stage.Open(str(write_results(tmp_path / "out", "set", scene, bakes=[made])))
+    found = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath(FLOOR)).GetPrimvar(primvar)
+    assert str(found.GetTypeName()) == kind
+    assert np.array_equal(found.Get(), values)

@@ -394,7 +394,7 @@ def test_prototypes_of_a_point_instancer_are_not_read(tmp_path):
         ),
         (
             f'def Mesh "F" ( apiSchemas = ["SmokeReceiverAPI"] ) {{ {QUAD} token[] smoke:bake = ["shadow"] }}',
-            "/World/F: smoke:bake is shadow; allowed: lit, visibility, smokeShadow",
+            "/World/F: smoke:bake is shadow; allowed: lit, irradiance, visibility, smokeShadow, normal",
         ),
         (
             f'def Mesh "F" ( apiSchemas = ["SmokeReceiverAPI"] ) {{ {QUAD} int smoke:textureSize = -1 }}',

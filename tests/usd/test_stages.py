@@ -31,7 +31,15 @@ def on_screen(camera, point, time):
 
 def test_all_are_tested():
     """The stages that this file knows are those that there are."""
-    assert {path.stem for path in STAGES} == {"cross", "obstacle", "plume", "room", "smoke_only"}
+    assert {path.stem for path in STAGES} == {
+        "columns",
+        "cross",
+        "mandelbrot",
+        "obstacle",
+        "plume",
+        "room",
+        "smoke_only",
+    }
 
 
 @pytest.mark.parametrize("path", STAGES, ids=lambda path: path.stem)
@@ -155,6 +163,32 @@ def test_cross():
     # The floor is below the domain: one layer is enough.
     assert light.smoke[0].layer is None
     assert floor.receiver.bake == ("lit", "visibility", "smokeShadow")
+
+
+def test_columns():
+    """Columns, boxes and spheres with five materials and three kinds of light; normal, height and gloss maps."""
+    scene = stage("columns")
+    assert {type(light) for light in scene.lights} == {PointLight, SpotLight, DistantLight}
+    materials = {surface.material.path.rpartition("/")[2]: surface.material for surface in scene.surfaces}
+    assert set(materials) == {"Bricks", "Stone", "Metal", "Banded", "Plinth"}
+    bricks = materials["Bricks"]
+    assert (bricks.roughness_texture.channel, bricks.height_texture.channel) == ("a", "a")
+    assert bricks.diffuse_texture.file == bricks.roughness_texture.file
+    assert bricks.normal_texture.file == bricks.height_texture.file
+    assert bricks.parallax == "occlusion"
+    assert materials["Stone"].normal_texture is not None
+    assert materials["Banded"].gloss == "factor"
+    assert materials["Metal"].reflection == "energyConserving"
+    assert materials["Plinth"].procedural.kind == "noise"
+    (floor,) = (surface for surface in scene.surfaces if surface.receiver)
+    assert floor.material is bricks
+
+
+def test_mandelbrot():
+    """A plane whose colour is the computed set, baked."""
+    (plane,) = stage("mandelbrot").surfaces
+    assert plane.material.procedural.kind == "mandelbrot"
+    assert plane.receiver.bake == ("lit",)
 
 
 def test_smoke_only():

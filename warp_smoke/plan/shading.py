@@ -29,7 +29,7 @@ def plan_receivers(ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...]
             ledger.omit("bake", (surface.path,), "it is invisible at every frame")
         elif not surface.receiver.bake:
             ledger.omit("bake", (surface.path,), "smoke:bake names no texture")
-        elif not lights and not any(scene.ambient):
+        elif not lights and not any(scene.ambient) and "normal" not in surface.receiver.bake:
             ledger.omit("bake", (surface.path,), "no light shines on it")
         else:
             receivers.append(_Receiver(ledger, scene, surface, domains).plan(lights))
@@ -73,21 +73,32 @@ class _Receiver:
             elif bake == "smokeShadow" and not smoky:
                 self.ledger.omit("bake", (path, bake), "no smoke can shadow it")
             else:
-                kept[bake] = When.FRAME if moves or (smoky and bake != "visibility") else When.ONCE
+                kept[bake] = When.FRAME if self._changes(bake, moves, smoky) else When.ONCE
                 self.ledger.keep("bake", (path, bake), kept[bake], f"{bake} texture", f"smoke:bake asks for {bake}")
         return ReceiverPlan(self.surface, kept, tuple(reaching))
+
+    def _changes(self, bake: str, moves: bool, smoky: bool) -> bool:
+        """Whether a bake changes from frame to frame, where light, shadows or surface move, or smoke shadows it."""
+        if bake != "normal":
+            return moves or (smoky and bake != "visibility")
+        eyes = [self.scene.camera] if self.scene.camera and self._relief else []
+        return is_moving(self.surface, *eyes)
+
+    @property
+    def _relief(self) -> bool:
+        return self.surface.material is not None and self.surface.material.has_relief
 
     def _light(self, light: Light) -> LightPlan:
         pair = (self.surface.path, light.path)
         bakes = set(self.surface.receiver.bake)
-        casters = self._casters(light) if bakes & {"lit", "visibility"} else []
+        casters = self._casters(light) if bakes & {"lit", "irradiance", "visibility"} else []
         casters_move = any(is_moving(caster) or isinstance(caster.visible, Samples) for caster in casters)
         varies = any(isinstance(value, Samples) for value in (light.intensity, light.enabled))
         # A highlight follows the camera.
         still = [light, self.surface, *([self.scene.camera] if self.scene.camera else [])]
         when = When.FRAME if varies or casters_move or is_moving(*still) else When.ONCE
         method = self._surface_shadow(light, casters, casters_move, when) if casters else None
-        smoke = self._smoke(light) if bakes & {"lit", "smokeShadow"} else ()
+        smoke = self._smoke(light) if bakes & {"lit", "irradiance", "smokeShadow"} else ()
         if smoke:
             why = f"smoke in {', '.join(each.domain.domain.path for each in smoke)} may stand between the light and it"
             self.ledger.keep("smoke_transmittance", pair, When.FRAME, "share of light through smoke", why)

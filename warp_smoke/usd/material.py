@@ -6,7 +6,7 @@ binds it; the variant `dcc` is empty and shows the stage as the user made it. Th
 stronger than descendants, because a direct binding in a variant would be weaker than the user's own.
 
 Every picture is also named on its receiver, `asset smokeBaked:<bake>`, where a script or a shader network finds it. A
-mesh without UVs carries primvars instead: `smokeLit`, `smokeVisibility`, `smokeShadow`.
+mesh without UVs carries primvars instead: `smokeLit`, `smokeVisibility`, `smokeShadow` and so on.
 """
 
 from collections.abc import Iterable, Mapping
@@ -22,7 +22,18 @@ from warp_smoke.usd.prims import check_frames, editable, free_path, set_over_tim
 VARIANT_SET = "smokeLook"
 BAKED_LOOK, OWN_LOOK = "baked", "dcc"
 BAKED_NAMESPACE = "smokeBaked"
-VERTEX_PRIMVARS = {"lit": "smokeLit", "visibility": "smokeVisibility", "smokeShadow": "smokeShadow"}
+_COLORS, _NORMALS, _NUMBERS = (
+    Sdf.ValueTypeNames.Color3fArray,
+    Sdf.ValueTypeNames.Normal3fArray,
+    Sdf.ValueTypeNames.FloatArray,
+)
+VERTEX_PRIMVARS = {
+    "lit": ("smokeLit", _COLORS),
+    "irradiance": ("smokeIrradiance", _COLORS),
+    "visibility": ("smokeVisibility", _NUMBERS),
+    "smokeShadow": ("smokeShadow", _NUMBERS),
+    "normal": ("smokeNormal", _NORMALS),
+}
 _PURPOSES = (UsdShade.Tokens.allPurpose, UsdShade.Tokens.preview, UsdShade.Tokens.full)
 
 
@@ -32,7 +43,7 @@ class BakeResult(Record):
 
     Attributes:
         surface: the receiver.
-        bake: lit (sRGB), visibility or smokeShadow (raw).
+        bake: lit (sRGB), or irradiance, visibility, smokeShadow or normal (raw).
         files: path of the picture relative to the results layer (`./textures/…`); for each frame where it changes.
     """
 
@@ -51,8 +62,9 @@ class VertexBakeResult(Record):
 
     Attributes:
         surface: the receiver.
-        bake: lit, visibility or smokeShadow.
-        values: at each point, linear RGB [n, 3] for lit, else shares [n]; for each frame where they change.
+        bake: one of `scene.BAKES`.
+        values: at each point, linear RGB [n, 3] for lit and irradiance, directions [n, 3] for normal, else shares [n];
+            for each frame where they change.
     """
 
     surface: Surface
@@ -63,7 +75,7 @@ class VertexBakeResult(Record):
         one_of(self.surface.path, "bake", self.bake, BAKES)
         check_frames(self.surface.path, "values", self.values)
         count = len(self.surface.mesh.points_at(0.0))
-        shape = (count, 3) if self.bake == "lit" else (count,)
+        shape = (count,) if VERTEX_PRIMVARS[self.bake][1] == _NUMBERS else (count, 3)
         for values in self.values.values() if isinstance(self.values, Mapping) else [self.values]:
             if values.shape != shape:
                 raise FieldError(self.surface.path, "values", f"of shape {values.shape}", f"{shape} for {self.bake}")
@@ -79,6 +91,28 @@ def define_bakes(stage: Usd.Stage, bakes: Iterable[BakeResult | VertexBakeResult
             _define_pictures(receiver, bake)
 
 
+def define_procedural(stage: Usd.Stage, path: str, file: str) -> None:
+    """Makes a computed picture the diffuse colour of the material at a path, over the surface's `st`."""
+    material = UsdShade.Material(stage.GetPrimAtPath(path))
+    surface, _, _ = material.ComputeSurfaceSource()
+    uv = _define_shader(material, "proceduralCoordinates", "UsdPrimvarReader_float2")
+    uv.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
+    picture = _define_shader(material, "procedural", "UsdUVTexture")
+    picture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(file)
+    _show(picture, uv, "sRGB", "repeat")
+    diffuse = surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
+    diffuse.ConnectToSource(picture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3))
+
+
+def _show(picture: UsdShade.Shader, uv: UsdShade.Shader, color_space: str, wrap: str) -> None:
+    """Lays a picture over texture coordinates."""
+    picture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set(color_space)
+    for name in ("wrapS", "wrapT"):
+        picture.CreateInput(name, Sdf.ValueTypeNames.Token).Set(wrap)
+    result = uv.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    picture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(result)
+
+
 def _define_pictures(receiver: Usd.Prim, bake: BakeResult) -> None:
     attribute = receiver.CreateAttribute(f"{BAKED_NAMESPACE}:{bake.bake}", Sdf.ValueTypeNames.Asset, True)
     set_over_time(attribute, bake.files)
@@ -89,23 +123,16 @@ def _define_pictures(receiver: Usd.Prim, bake: BakeResult) -> None:
     uv.CreateInput("varname", Sdf.ValueTypeNames.String).Set(_uv_name(receiver))
     picture = _define_shader(material, "lit", "UsdUVTexture")
     set_over_time(picture.CreateInput("file", Sdf.ValueTypeNames.Asset).GetAttr(), bake.files)
-    picture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("sRGB")
-    for wrap in ("wrapS", "wrapT"):
-        picture.CreateInput(wrap, Sdf.ValueTypeNames.Token).Set("clamp")
-    picture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(
-        uv.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-    )
+    _show(picture, uv, "sRGB", "clamp")
     _emit(material, picture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3))
     _bind(receiver, material)
 
 
 def _define_primvar(receiver: Usd.Prim, bake: VertexBakeResult) -> None:
-    lit = bake.bake == "lit"
-    name = VERTEX_PRIMVARS[bake.bake]
-    value_type = Sdf.ValueTypeNames.Color3fArray if lit else Sdf.ValueTypeNames.FloatArray
+    name, value_type = VERTEX_PRIMVARS[bake.bake]
     primvar = UsdGeom.PrimvarsAPI(receiver).CreatePrimvar(name, value_type, UsdGeom.Tokens.vertex)
     set_over_time(primvar.GetAttr(), bake.values)
-    if not lit:
+    if bake.bake != "lit":
         return
     material = _define_emitter(receiver)
     reader = _define_shader(material, "lit", "UsdPrimvarReader_float3")

@@ -1,7 +1,7 @@
 """The stage that a run leaves behind: a root layer over a layer of results over the user's own stage."""
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from pxr import Sdf, Usd
 from warp_smoke.files import replacing
 from warp_smoke.scene import Scene
 from warp_smoke.usd.author import author_scene
-from warp_smoke.usd.material import BakeResult, VertexBakeResult, define_bakes
+from warp_smoke.usd.material import BakeResult, VertexBakeResult, define_bakes, define_procedural
 from warp_smoke.usd.volume import VolumeResult, define_volume
 
 RESULTS_SUFFIX = ".results.usdc"
@@ -34,6 +34,7 @@ def write_results(
     scene: Scene,
     volumes: Iterable[VolumeResult] = (),
     bakes: Iterable[BakeResult | VertexBakeResult] = (),
+    procedurals: Mapping[str, str] | None = None,
 ) -> Path:
     """Writes the layers that join the files of a run to the user's stage.
 
@@ -47,6 +48,7 @@ def write_results(
         scene: what was run.
         volumes: one for each domain.
         bakes: one for each picture of a receiver.
+        procedurals: by path of a material, its computed picture (`./textures/…`), which becomes its diffuse colour.
 
     Returns:
         Path of the root layer.
@@ -75,6 +77,8 @@ def write_results(
     stage.SetEditTarget(results)
     for volume in volumes:
         define_volume(stage, volume)
+    for path, file in (procedurals or {}).items():
+        define_procedural(stage, path, file)
     define_bakes(stage, bakes)
 
     root = Sdf.Layer.CreateAnonymous(".usda")
