@@ -1,6 +1,6 @@
 """Measures what the active box changes and saves on stages/plume.usda: writes docs/active_box.md.
 
-python scripts/active_box.py
+Usage: python scripts/active_box.py
 """
 
 from dataclasses import replace
@@ -35,8 +35,8 @@ def main() -> None:
     lines = [
         "# What the active box changes",
         "",
-        f"Relative L2 difference of density with the box on against off over {FRAMES} frames, and CPU time, one thread, by",
-        "`python scripts/active_box.py`.",
+        f"Relative L2 difference of density with the box on against off over {FRAMES} frames, and CPU time,",
+        "one thread, by `python scripts/active_box.py`.",
         "",
         "| domain | frame 40 | largest | time with / without |",
         "|---|---:|---:|---:|",
