@@ -1,0 +1,18 @@
+"""The suites by name; a suite's module, and its kernels with it, is imported when it is asked for."""
+
+from importlib import import_module
+
+from warp_smoke.study.case import Suite
+
+SUITES = ("advection", "pressure", "flow", "smoke_shadow", "surface_shadow", "shading")
+
+
+def load_suite(name: str) -> Suite:
+    """A suite's module.
+
+    Raises:
+        ValueError: there is no such suite.
+    """
+    if name not in SUITES:
+        raise ValueError(f"suite is {name}; allowed: {', '.join(SUITES)}, scene (with a stage), all")
+    return import_module(f"warp_smoke.study.{name}")
