@@ -27,12 +27,14 @@ class Measured:
         seconds: of each repeat, without compilation and the first, which warms up [s].
         cells: cells, texels or rays that one step works on, or None.
         steps: that one repeat takes.
+        passes: median time of each pass in a step, by name, where that is known [s].
     """
 
     errors: Mapping[str, float]
     seconds: tuple[float, ...]
     cells: int | None
     steps: int = 1
+    passes: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -71,13 +73,14 @@ class Row:
     Attributes:
         suite, problem, method, parameters, resolution, dt: the case's.
         key: the case's.
-        errors: by name; empty if the case raised an error.
+        errors: by name; those that are finite.
         median, quartile_low, quartile_high: of the repeats' times [s]; None if the case raised an error.
         repeats: how many there were.
         set_up: time of building, compiling and warming up [s].
         ns_per_cell: median for each cell and step [ns]; None if nothing is counted.
         copy_share: time to copy one float, over the time for one cell: the rate as a share of the copy bandwidth.
         failure: why the row is no result, or None.
+        passes: median time of each pass in a step, by name, where that is known [s].
     """
 
     suite: str
@@ -96,6 +99,14 @@ class Row:
     ns_per_cell: float | None
     copy_share: float | None
     failure: str | None
+    passes: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """What was chosen, in words, by name: the resolution, the parameters and the step."""
+        chosen = {"resolution": f"{self.resolution}"}
+        chosen |= {name: value if isinstance(value, str) else f"{value:g}" for name, value in self.parameters.items()}
+        return chosen | ({} if self.dt is None else {"dt": f"{self.dt:.3g} s"})
 
 
 class Suite(Protocol):
@@ -105,6 +116,9 @@ class Suite(Protocol):
         TITLE: heading of its diagram.
         MAIN_ERROR: the error on its y axis.
         ERROR_MEANS: that axis' label: the error in words, with its unit.
+
+    A suite whose panels show different errors names them in `PANEL_ERRORS: Mapping[str, tuple[str, str]]`: error and
+    label by problem. One whose times are not of a whole run has their label in `TIME_MEANS: str`.
     """
 
     TITLE: str
@@ -135,6 +149,32 @@ def time_repeats(launcher: Launcher, action: Callable[[], object], repeats: int)
         launcher.synchronize()
         seconds.append(perf_counter() - began)
     return tuple(seconds)
+
+
+def time_steps(launcher: Launcher, step: Callable[[int], object], steps: int, repeats: int) -> tuple[float, ...]:
+    """Seconds of a run of equal steps, one sample for each of `repeats` equal parts of it: the part's, times the parts.
+
+    Args:
+        launcher: where it runs.
+        step: takes the number of the step; everything is compiled and has run before.
+        steps: of the whole run, at least `repeats`.
+        repeats: parts.
+    """
+    seconds, done = [], 0
+    for part in range(repeats):
+        end = steps * (part + 1) // repeats
+        began = perf_counter()
+        for number in range(done, end):
+            step(number)
+        launcher.synchronize()
+        seconds.append((perf_counter() - began) * steps / (end - done))
+        done = end
+    return tuple(seconds)
+
+
+def panel_error(suite: Suite, problem: str) -> tuple[str, str]:
+    """The error that a problem's panel shows: its name, and the label of the axis."""
+    return getattr(suite, "PANEL_ERRORS", {}).get(problem, (suite.MAIN_ERROR, suite.ERROR_MEANS))
 
 
 def fit_orders(rows: Sequence[Row], error: str) -> dict[tuple[str, str], float]:
