@@ -97,6 +97,7 @@ class RayTracedShadow:
         casters: Casters,
         receiver_bounds: np.ndarray,
         camera: Camera | None = None,
+        area_rays: int = AREA_RAYS,
     ):
         """Prepares the rays.
 
@@ -107,11 +108,12 @@ class RayTracedShadow:
             receiver_bounds: lower and upper corner, in set space, of all that is ever looked up: a box [2, 3], or one
                 for each receiver [n, 2, 3].
             camera: makes no difference to rays; the other methods take one.
+            area_rays: of each point, with the filter `area`.
         """
         self._launcher, self._light, self._casters = launcher, light, casters
         self._receiver_extent = float(np.abs(receiver_bounds).max())
         if light.shadow_filter == "area":
-            self._disk = launcher.array(spiral(AREA_RAYS).astype(np.float32), "shadow_filter", dtype=wp.vec3)
+            self._disk = launcher.array(spiral(area_rays).astype(np.float32), "shadow_filter", dtype=wp.vec3)
 
     def update(self, time: float) -> None:
         """Places the light as at a time code."""
