@@ -1,6 +1,6 @@
 """Triangle meshes as the passes need them, and the simple solids (USD's gprims) as such meshes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,12 +20,15 @@ class Mesh(Record):
         normals: unit normal at each corner, [m, 3, 3] float32; Samples [t, m, 3, 3] where they turn; or None: flat
             unless `smooth_normals` are asked for.
         uvs: texture coordinates at each corner, [m, 3, 2] float32, v up, or None.
+        faces: index of the polygon that each triangle was cut from, [m] int32; None where each is one of its own; not
+            part of equality.
     """
 
     points: np.ndarray | Samples
     triangles: np.ndarray
     normals: np.ndarray | Samples | None = None
     uvs: np.ndarray | None = None
+    faces: np.ndarray | None = field(default=None, compare=False)
 
     def __post_init__(self):
         points = self.points

@@ -11,7 +11,17 @@ REFLECTIONS = ("blinnPhong", "blinnPhongLdr", "energyConserving", "classic")
 GLOSS_ROLES = ("exponent", "factor")
 PARALLAXES = ("offset", "occlusion", "none")
 PROCEDURALS = ("mandelbrot", "checker", "noise")
-TEXTURES = ("diffuse_texture", "normal_texture", "height_texture", "roughness_texture")
+# Textures of colours, whose 8-bit files are sRGB unless they say otherwise, and of numbers.
+COLOR_TEXTURES = ("diffuse_texture", "specular_texture", "emissive_texture")
+DATA_TEXTURES = (
+    "normal_texture",
+    "height_texture",
+    "roughness_texture",
+    "metallic_texture",
+    "occlusion_texture",
+    "opacity_texture",
+)
+TEXTURES = COLOR_TEXTURES + DATA_TEXTURES
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -90,11 +100,15 @@ class Material(Record):
         path: prim path.
         diffuse_color, diffuse_texture: the texture, where there is one, stands in for the colour.
         procedural: a computed picture, which stands in for both.
-        fresnel_r0: reflectance at normal incidence.
+        fresnel_r0, specular_texture: reflectance at normal incidence, of what is not metal.
+        metallic, metallic_texture: share of metal, 0 to 1: it reflects the diffuse colour as a mirror and is black else.
         roughness, roughness_texture: 0 to 1; the Blinn-Phong exponent is 256 (1 − roughness). Gloss is 1 − roughness.
         gloss: what the roughness texture does: it sets the exponent (`exponent`), or its gloss multiplies the
             highlight, whose exponent is from `roughness` (`factor`).
-        emissive_color: light the surface gives off.
+        emissive_color, emissive_texture: light the surface gives off.
+        occlusion, occlusion_texture: share of the ambient light that arrives, 0 to 1.
+        opacity, opacity_texture: share of what lies behind that is hidden, 0 to 1.
+        opacity_threshold: above 0, opacity below it is a hole, and from it on there is none.
         normal_texture: normals in tangent space, −1 to 1 after the texture's scale and bias.
         height_texture: heights, 0 to 1, by which coordinates are shifted (`parallax`).
         reflection: blinnPhong, blinnPhongLdr (highlights squeezed into 0…1), energyConserving, or classic (no Fresnel
@@ -108,10 +122,19 @@ class Material(Record):
     diffuse_texture: Texture | None = None
     procedural: Procedural | None = None
     fresnel_r0: tuple[float, float, float] = (0.01, 0.01, 0.01)
+    specular_texture: Texture | None = None
+    metallic: float = 0.0
+    metallic_texture: Texture | None = None
     roughness: float = 0.5
     roughness_texture: Texture | None = None
     gloss: str = "exponent"
     emissive_color: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    emissive_texture: Texture | None = None
+    occlusion: float = 1.0
+    occlusion_texture: Texture | None = None
+    opacity: float = 1.0
+    opacity_texture: Texture | None = None
+    opacity_threshold: float = 0.0
     normal_texture: Texture | None = None
     height_texture: Texture | None = None
     reflection: str = "blinnPhong"
@@ -122,9 +145,10 @@ class Material(Record):
     def __post_init__(self):
         for name in ("diffuse_color", "fresnel_r0", "emissive_color"):
             self._store(name, at_least(self.path, name, getattr(self, name), shape=(3,)))
-        self._store("roughness", at_least(self.path, "roughness", self.roughness))
-        if self.roughness > 1:
-            raise FieldError(self.path, "roughness", self.roughness, "0 to 1")
+        for name in ("roughness", "metallic", "occlusion", "opacity", "opacity_threshold"):
+            self._store(name, at_least(self.path, name, getattr(self, name)))
+            if getattr(self, name) > 1:
+                raise FieldError(self.path, name, getattr(self, name), "0 to 1")
         one_of(self.path, "gloss", self.gloss, GLOSS_ROLES)
         one_of(self.path, "reflection", self.reflection, REFLECTIONS)
         one_of(self.path, "parallax", self.parallax, PARALLAXES)
@@ -140,6 +164,16 @@ class Material(Record):
     def has_relief(self) -> bool:
         """Whether heights shift its texture coordinates, so that they follow the eye."""
         return self.height_texture is not None and self.parallax != "none"
+
+    @property
+    def is_marched(self) -> bool:
+        """Whether lines of sight and of light are followed through its relief."""
+        return self.has_relief and self.parallax == "occlusion"
+
+    @property
+    def is_see_through(self) -> bool:
+        """Whether something behind it may be seen."""
+        return self.opacity < 1.0 or self.opacity_texture is not None
 
     @property
     def needs_tangents(self) -> bool:

@@ -168,7 +168,7 @@ class Output:
 
 def computed_materials(scene: Scene) -> list[Material]:
     """The materials on a scene's surfaces whose picture is computed."""
-    bound = {surface.material.path: surface.material for surface in scene.surfaces if surface.material is not None}
+    bound = {material.path: material for surface in scene.surfaces for material in surface.materials}
     return [material for material in bound.values() if material.procedural is not None]
 
 

@@ -28,7 +28,6 @@ from warp_smoke.shading.primary_rays import (
     encode_picture,
     interpolate_corners,
     show_background,
-    start_color,
     triangle_table,
 )
 from warp_smoke.shading.radiance import shade_light
@@ -126,7 +125,7 @@ class PictureRenderer:
         return points
 
     def _allocate_detail(self, count: int) -> SurfaceDetail:
-        return allocate_detail(self._launcher, count, "picture", count if self._dressing.needs_tangents else 0)
+        return allocate_detail(self._launcher, count, "picture", self._dressing.materials)
 
     def render(self, time: float, volumes: Sequence[SmokeVolume] = ()) -> np.ndarray:
         """The picture at a time code, sRGB [height, width, 3] uint8, first row at the top.
@@ -176,8 +175,8 @@ class PictureRenderer:
         cast_rays(launcher, count, mesh, self._view, x, y, self._table, self._points, self._hits)
         ambient = wp.vec3(*self._scene.ambient)
         if corners is None:
-            look_up_detail(launcher, count, self._looks, self._points, self._eye, self._detail)
-            start_color(launcher, count, self._looks, self._points, self._detail.diffuse, ambient, self._color)
+            look_up_detail(launcher, count, self._looks, self._points, self._eye, ambient, self._detail)
+            self._color.assign(self._detail.unlit)
         else:
             interpolate_corners(launcher, count, self._hits, corners.unlit, ambient, self._color)
         for index, light in enumerate(self._lights):
@@ -205,12 +204,12 @@ class PictureRenderer:
                 getattr(points, name).assign(values.flatten())
         points.material.assign(np.repeat(self._table.material.numpy(), 3))
         detail = self._allocate_detail(count)
-        look_up_detail(launcher, count, self._looks, points, self._eye, detail)
-        zeros = [launcher.zeros(count, "picture", dtype=wp.vec3) for _ in range(len(self._lights) + 1)]
-        start_color(launcher, count, self._looks, points, detail.diffuse, wp.vec3(*self._scene.ambient), zeros[-1])
-        for light, radiance in zip(self._lights, zeros, strict=False):
+        ambient = wp.vec3(*self._scene.ambient)
+        look_up_detail(launcher, count, self._looks, points, self._eye, ambient, detail)
+        lit = [launcher.zeros(count, "picture", dtype=wp.vec3) for _ in self._lights]
+        for light, radiance in zip(self._lights, lit, strict=True):
             shade_light(launcher, count, light.source, self._looks, points, detail, self._eye, radiance)
-        return _Corners(zeros[:-1], zeros[-1])
+        return _Corners(lit, detail.unlit)
 
     def _scattering(self, volume: SmokeVolume) -> ScatteringSmoke:
         """The smoke's box with the light that arrives in it."""
@@ -306,15 +305,17 @@ def _smoke_shadow(launcher: Launcher, light: Light, volume: SmokeVolume, origin:
 
 def _dress(scene: Scene) -> Dressing:
     """The materials of a scene's surfaces; without their pictures where there are no texture coordinates."""
-    materials, index = [], []
+    materials, index = [Material()], []
     for surface in scene.surfaces:
-        material = surface.material or Material()
-        if surface.mesh.uvs is None and material.has_pictures:
-            material = without_pictures(material)
-        if material not in materials:
-            materials.append(material)
-        index.append(materials.index(material))
-    return Dressing(tuple(materials or [Material()]), tuple(index))
+        places = []
+        for material in surface.materials:
+            if surface.mesh.uvs is None and material.has_pictures:
+                material = without_pictures(material)
+            if material not in materials:
+                materials.append(material)
+            places.append(materials.index(material))
+        index.append(np.asarray(places, np.int32)[surface.material_of_triangle])
+    return Dressing(tuple(materials), tuple(index))
 
 
 def _middle(scene: Scene, volumes: Sequence[SmokeVolume], time: float) -> np.ndarray:

@@ -54,9 +54,9 @@ def detail_of(launcher, material, points, eye=None):
     """The points' detail, seen from an eye."""
     count = len(points.positions)
     looks = make_looks(launcher, [material])
-    detail = allocate_detail(launcher, count, "test", count)
+    detail = allocate_detail(launcher, count, "test", [material])
     eye = wp.vec4(0.0, 0.0, 0.0, 0.0) if eye is None else wp.vec4(*map(float, eye), 1.0)
-    look_up_detail(launcher, count, looks, points, eye, detail)
+    look_up_detail(launcher, count, looks, points, eye, wp.vec3(0.0), detail)
     return looks, detail
 
 

@@ -56,21 +56,22 @@ def _domain_bytes(plan: DomainPlan) -> int:
 
 def _receiver_bytes(plan: ReceiverPlan) -> int:
     """For a texture that the surface fills."""
-    material, bakes = plan.surface.material or Material(), set(plan.bakes)
+    materials, bakes = plan.surface.materials, set(plan.bakes)
     shares, lit, irradiance = 4 * bool({"visibility", "smokeShadow"} & bakes), "lit" in bakes, "irradiance" in bakes
-    texel = 80 + shares  # points, normals, triangles, weights, detail and the picture's codes
-    texel += 8 * material.has_pictures + 16 * material.needs_tangents
-    texel += 12 * (material.has_relief and material.parallax == "occlusion")
-    texel += 12 * (lit or irradiance) + 12 * lit + 18 * irradiance
+    texel = 104 + shares  # points, normals, triangles, weights, detail and the picture's codes
+    texel += 8 * any(each.has_pictures for each in materials) + 16 * any(each.needs_tangents for each in materials)
+    texel += 12 * any(each.is_marched for each in materials) + 4 * any(each.is_see_through for each in materials)
+    texel += 12 * (lit or irradiance) + 18 * irradiance
     for each in plan.lights:
         texel += 12 * (lit + irradiance) + 4 * bool(each.surface_shadow) + 4 * _channels(each) + shares
-    return plan.surface.receiver.texture_size**2 * texel + _picture_bytes(material)
+    return plan.surface.receiver.texture_size**2 * texel + _picture_bytes(materials)
 
 
-def _picture_bytes(material: Material) -> int:
-    """Of a material's pictures as linear RGBA; what cannot be read is left to the bake's own error."""
-    texels = material.procedural.size**2 if material.procedural else 0
-    for file in {getattr(material, field).file for field in TEXTURES if getattr(material, field)}:
+def _picture_bytes(materials: tuple[Material, ...]) -> int:
+    """Of materials' pictures as linear RGBA; what cannot be read is left to the bake's own error."""
+    texels = sum(each.procedural.size**2 for each in materials if each.procedural)
+    textures = [getattr(each, field) for each in materials for field in TEXTURES]
+    for file in {texture.file for texture in textures if texture}:
         try:
             with Image.open(file) as image:
                 texels += image.width * image.height

@@ -86,7 +86,7 @@ class _Receiver:
 
     @property
     def _relief(self) -> bool:
-        return self.surface.material is not None and self.surface.material.has_relief
+        return any(material.has_relief for material in self.surface.materials)
 
     def _light(self, light: Light) -> LightPlan:
         pair = (self.surface.path, light.path)

@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from warp_smoke.geometry import Mesh
 from warp_smoke.material import Material
-from warp_smoke.record import FieldError, Record, Samples, one_of, switch, whole
+from warp_smoke.record import FieldError, Record, Samples, one_of, read_only, switch, whole
 from warp_smoke.scene.prim import Prim
 
 BAKES = ("lit", "irradiance", "visibility", "smokeShadow", "normal")
@@ -28,12 +30,33 @@ class Receiver(Record):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class MaterialSubset(Record):
+    """Triangles with a material of their own (USD: a `GeomSubset` of the family `materialBind`).
+
+    Attributes:
+        path: prim path.
+        triangles: indices into the mesh's triangles, [k] int32.
+        material: None = the default grey.
+    """
+
+    path: str
+    triangles: np.ndarray
+    material: Material | None = None
+
+    def __post_init__(self):
+        self._store("triangles", read_only(self.triangles, np.int32))
+        if self.triangles.ndim != 1:
+            raise FieldError(self.path, "triangles", f"of shape {self.triangles.shape}", "[k]")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Surface(Prim):
     """A mesh of the set: it casts shadows, and is baked where it has a receiver.
 
     Attributes:
         mesh: its shape, in local space.
-        material: None = the default grey.
+        material: of the triangles that are in no subset; None = the default grey.
+        subsets: triangles with other materials; where they overlap, the first holds.
         visible: may change; an invisible surface casts no shadow and is not baked.
         receiver: what to bake, or None.
         instancer: path of the `PointInstancer` that the surface is an instance of: it has no prim of its own, and so
@@ -43,6 +66,7 @@ class Surface(Prim):
 
     mesh: Mesh
     material: Material | None = None
+    subsets: tuple[MaterialSubset, ...] = ()
     visible: bool | Samples = True
     receiver: Receiver | None = None
     instancer: str | None = field(default=None, compare=False)
@@ -51,5 +75,24 @@ class Surface(Prim):
     def __post_init__(self):
         super().__post_init__()
         self._check(switch, "visible")
+        self._store("subsets", tuple(self.subsets))
+        last = len(self.mesh.triangles) - 1
+        for each in self.subsets:
+            if len(each.triangles) and not 0 <= each.triangles.min() <= each.triangles.max() <= last:
+                found = f"{each.triangles.min()}…{each.triangles.max()}"
+                raise FieldError(each.path, "triangles", found, f"0…{last}, those of {self.path}")
         if self.receiver is not None and self.instancer is not None:
             raise FieldError(self.path, "receiver", self.receiver.bake, "none, for an instance of a PointInstancer")
+
+    @property
+    def materials(self) -> tuple[Material, ...]:
+        """Its own material, then those of its subsets; defaults where there is none."""
+        return tuple(material or Material() for material in (self.material, *(each.material for each in self.subsets)))
+
+    @property
+    def material_of_triangle(self) -> np.ndarray:
+        """Index into `materials` of each triangle, [m] int32."""
+        index = np.zeros(len(self.mesh.triangles), np.int32)
+        for number in range(len(self.subsets), 0, -1):
+            index[self.subsets[number - 1].triangles] = number
+        return index

@@ -78,24 +78,23 @@ class ReceiverBake:
         """
         self._launcher, self._lights, self._origin, self._camera = launcher, tuple(lights), origin, camera
         self.map, warnings = map_surface(launcher, surface, origin)
-        material, missing = usable_material(surface, self.map)
+        materials, missing = usable_materials(surface, self.map)
         warnings += missing
         if "lit" in bakes and camera is None:
             warnings += (f"{surface.path}: no camera to see highlights from; the bake has diffuse light only",)
-        if camera is None and material.has_relief:
-            warnings += (f"{surface.path}: no camera to see relief from; {material.path} has no parallax",)
-        self._follows_eye = material.has_relief
+        self._follows_eye = any(material.has_relief for material in materials)
+        if camera is None and self._follows_eye:
+            flat = ", ".join(material.path for material in materials if material.has_relief)
+            warnings += (f"{surface.path}: no camera to see relief from; {flat} has no parallax",)
 
         count = self.map.count
         by_light = (len(self._lights), max(count, 1))  # Warp takes no row of an empty array
         self._sources, self._eye = [None] * len(self._lights), None
-        self._looks = make_looks(launcher, [material])
-        self._points = self._surface_points(material)
-        marched = count if material.parallax == "occlusion" and material.has_relief else 0
-        self._detail = allocate_detail(launcher, count, "bake", marched)
+        self._looks = make_looks(launcher, materials)
+        self._points = self._surface_points(materials)
+        self._detail = allocate_detail(launcher, count, "bake", materials)
         self._radiance = self._irradiance = self._weights = None
         if "lit" in bakes:
-            self._unlit = launcher.zeros(count, "bake", dtype=wp.vec3)
             self._radiance = launcher.zeros(by_light, "bake", dtype=wp.vec3)
         if "irradiance" in bakes:
             self._ambient_light = launcher.array(np.tile(np.float32(ambient), (count, 1)), "bake", dtype=wp.vec3)
@@ -105,19 +104,20 @@ class ReceiverBake:
         if "visibility" in bakes or "smokeShadow" in bakes:
             self._weights = launcher.zeros(by_light, "bake")
             self._shares = launcher.zeros(count, "bake")
-        self._ambient, self._emissive = wp.vec3(*ambient), wp.vec3(*material.emissive_color)
+        self._ambient = wp.vec3(*ambient)
         self._visibility, self._visibility_row, visibility = self._shares_by_light(shadowed)
         self.visibility = {path: rows[0] for path, rows in visibility.items()}
         args = (smoke_shadowed, color_shadowed)
         self._transmittance, self._transmittance_row, self.transmittance = self._shares_by_light(*args)
         self.warnings = warnings
 
-    def _surface_points(self, material: Material) -> SurfacePoints:
+    def _surface_points(self, materials: Sequence[Material]) -> SurfacePoints:
         points = SurfacePoints()
         points.positions, points.normals, points.tangents = self.map.points, self.map.normals, self.map.tangents
-        uvs = self.map.uvs if material.has_pictures else np.zeros((1, 2), np.float32)
+        pictures = any(material.has_pictures for material in materials)
+        uvs = self.map.uvs if pictures else np.zeros((1, 2), np.float32)
         points.uvs = self._launcher.array(uvs, "bake", dtype=wp.vec2)
-        points.material = self._launcher.zeros(self.map.count, "bake", dtype=int)
+        points.material = self._launcher.array(self.map.material, "bake")
         return points
 
     def _shares_by_light(
@@ -157,10 +157,7 @@ class ReceiverBake:
 
     def _look_up_detail(self) -> None:
         count, eye = self.map.count, wp.vec4(*self._eye)
-        look_up_detail(self._launcher, count, self._looks, self._points, eye, self._detail)
-        if self._radiance is not None:
-            args = (self._detail.diffuse, self._ambient, self._emissive, self._unlit)
-            self._launcher.launch_each(_add_ambient, count, *args)
+        look_up_detail(self._launcher, count, self._looks, self._points, eye, self._ambient, self._detail)
 
     def _shade(self, index: int, changed: bool, looked: bool) -> None:
         """Light number `index` on the receiver, after the light or the receiver `changed`, or the eye moved."""
@@ -188,7 +185,7 @@ class ReceiverBake:
         if bake == "normal":
             return self.map.direction_picture(self._detail.normals)
         if bake in ("lit", "irradiance"):
-            lights = (self._unlit, self._radiance) if bake == "lit" else (self._ambient_light, self._irradiance)
+            lights = (self._detail.unlit, self._radiance) if bake == "lit" else (self._ambient_light, self._irradiance)
             args = (*lights, *surfaces, self._transmittance, self._transmittance_row, self._lit)
             self._launcher.launch_each(_add_lights, self.map.count, *args)
             return self.map.color_picture(self._lit) if bake == "lit" else self.map.linear_picture(self._lit)
@@ -221,25 +218,20 @@ def map_surface(launcher: Launcher, surface: Surface, origin: np.ndarray) -> tup
     return texels, ()
 
 
-def usable_material(surface: Surface, places: TexelMap | VertexMap) -> tuple[Material, tuple]:
-    """A receiver's material as far as its texture coordinates serve, and warnings."""
-    material = surface.material or Material()
-    if places.uvs is None and material.has_pictures:
-        text = f"the textures of {material.path} have no coordinates; its colours are used"
-        return without_pictures(material), (f"{surface.path}: {text}",)
-    if isinstance(places, VertexMap) and material.needs_tangents:
-        text = f"normals and heights of {material.path} are left out of colours at points"
-        return without_relief(material), (f"{surface.path}: {text}",)
-    return material, ()
-
-
-@wp.kernel
-def _add_ambient(
-    rows: Rows, diffuse: wp.array[wp.vec3], ambient: wp.vec3, emissive: wp.vec3, unlit_out: wp.array[wp.vec3]
-):
-    """unlit[s] = emissive + ambient ⊗ m_d."""
-    s = rows.first + wp.tid()
-    unlit_out[s] = emissive + wp.cw_mul(ambient, diffuse[s])
+def usable_materials(surface: Surface, places: TexelMap | VertexMap) -> tuple[tuple[Material, ...], tuple]:
+    """A receiver's materials as far as its texture coordinates serve, and warnings."""
+    usable, warnings = [], []
+    for material in surface.materials:
+        if places.uvs is None and material.has_pictures:
+            warnings.append(
+                f"{surface.path}: the textures of {material.path} have no coordinates; its colours are used"
+            )
+            material = without_pictures(material)
+        elif isinstance(places, VertexMap) and material.needs_tangents:
+            warnings.append(f"{surface.path}: normals and heights of {material.path} are left out of colours at points")
+            material = without_relief(material)
+        usable.append(material)
+    return tuple(usable), tuple(warnings)
 
 
 @wp.func

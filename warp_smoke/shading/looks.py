@@ -8,7 +8,17 @@ import numpy as np
 import warp as wp
 
 from warp_smoke.launch import Launcher
-from warp_smoke.material import CHANNELS, GLOSS_ROLES, PARALLAXES, REFLECTIONS, TEXTURES, WRAP_MODES, Material, Texture
+from warp_smoke.material import (
+    CHANNELS,
+    COLOR_TEXTURES,
+    GLOSS_ROLES,
+    PARALLAXES,
+    REFLECTIONS,
+    TEXTURES,
+    WRAP_MODES,
+    Material,
+    Texture,
+)
 from warp_smoke.shading.procedural import make_picture
 from warp_smoke.shading.textures import Picture, read_texture
 
@@ -44,15 +54,24 @@ class MaterialLook:
     r0: wp.vec3
     emissive: wp.vec3
     roughness: float
+    metallic: float
+    occlusion: float
+    opacity: float
+    opacity_threshold: float
     reflection: int
     gloss: int
     parallax: int
     parallax_scale: float
     parallax_bias: float
     diffuse_texture: int
+    specular_texture: int
+    emissive_texture: int
     normal_texture: int
     height_texture: int
     roughness_texture: int
+    metallic_texture: int
+    occlusion_texture: int
+    opacity_texture: int
 
 
 @wp.struct
@@ -91,7 +110,9 @@ def make_looks(launcher: Launcher, materials: Sequence[Material]) -> Looks:
     for material in materials:
         look = MaterialLook()
         look.diffuse, look.r0 = wp.vec3(*material.diffuse_color), wp.vec3(*material.fresnel_r0)
-        look.emissive, look.roughness = wp.vec3(*material.emissive_color), material.roughness
+        look.emissive = wp.vec3(*material.emissive_color)
+        for field in ("roughness", "metallic", "occlusion", "opacity", "opacity_threshold"):
+            setattr(look, field, getattr(material, field))
         look.reflection = REFLECTIONS.index(material.reflection)
         look.gloss = GLOSS_ROLES.index(material.gloss)
         look.parallax = PARALLAXES.index(material.parallax if material.has_relief else "none")
@@ -102,7 +123,7 @@ def make_looks(launcher: Launcher, materials: Sequence[Material]) -> Looks:
                 setattr(look, field, -1)
                 continue
             setattr(look, field, len(textures))
-            key = (texture.file, texture.color_space, field == "diffuse_texture")
+            key = (texture.file, texture.color_space, field in COLOR_TEXTURES)
             found = pictures.get(key) or place(key, read_texture(material, field))
             textures.append(_texture_look(texture, *found))
         if material.procedural is not None:
@@ -190,3 +211,29 @@ def sample_number(looks: Looks, index: int, uv: wp.vec2):
     """The channel that a texture of numbers stands for; red where it names all three."""
     rgba = sample_texture(looks, index, uv)
     return rgba[wp.clamp(looks.textures[index].channel, _RED, _ALPHA) - _RED]
+
+
+@wp.func
+def color_at(looks: Looks, index: int, uv: wp.vec2, plain: wp.vec3):
+    """A texture's colour, not below 0, or the plain one where there is no texture."""
+    if index < 0:
+        return plain
+    rgba = sample_texture(looks, index, uv)
+    return wp.vec3(wp.max(rgba[0], 0.0), wp.max(rgba[1], 0.0), wp.max(rgba[2], 0.0))
+
+
+@wp.func
+def share_of(looks: Looks, index: int, uv: wp.vec2, plain: float):
+    """A texture's number within 0…1, or the plain one where there is no texture."""
+    if index < 0:
+        return plain
+    return wp.clamp(sample_number(looks, index, uv), 0.0, 1.0)
+
+
+@wp.func
+def opacity_at(looks: Looks, m: MaterialLook, uv: wp.vec2):
+    """Share of what lies behind that a surface hides: 0 or 1 where the material has a threshold."""
+    opacity = share_of(looks, m.opacity_texture, uv, m.opacity)
+    if m.opacity_threshold > 0.0:
+        return wp.where(opacity >= m.opacity_threshold, 1.0, 0.0)
+    return opacity

@@ -10,7 +10,6 @@ from warp_smoke.geometry import winding_flips
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.material import Material
 from warp_smoke.scene import Camera, Surface
-from warp_smoke.shading.looks import Looks
 from warp_smoke.shading.placement import place_normals, place_points
 from warp_smoke.shading.srgb import SrgbTable, encode_srgb
 from warp_smoke.shading.surface_points import SurfacePoints
@@ -78,10 +77,10 @@ class TriangleTable:
 
 @dataclass(frozen=True)
 class Dressing:
-    """Materials as each surface can show them: those of `materials`, and each surface's index among them."""
+    """Materials as surfaces can show them: `materials`, and for each surface the index of each triangle's, [m] int32."""
 
     materials: tuple[Material, ...]
-    index: tuple[int, ...]
+    index: tuple[np.ndarray, ...]
 
     @property
     def needs_tangents(self) -> bool:
@@ -107,12 +106,13 @@ def triangle_table(
         origin: world position of set space's origin, [3] float64.
         time: time code.
     """
-    normals, tangents, uvs = [], [], []
+    normals, tangents, uvs, material = [], [], [], []
     for index in dict.fromkeys(surface_of_triangle.tolist()):
         surface, mesh = surfaces[index], surfaces[index].mesh
         order = slice(None, None, -1 if winding_flips(surface.transform_at(time)) else 1)
         corner_normals = place_normals(surface, time)
         corner_uvs = np.zeros((len(mesh.triangles), 3, 2), np.float32) if mesh.uvs is None else mesh.uvs
+        material.append(dressing.index[index])
         normals.append(corner_normals[:, order])
         uvs.append(corner_uvs[:, order])
         if dressing.needs_tangents:
@@ -128,8 +128,7 @@ def triangle_table(
     table.tangents = put(tangents, 4, wp.vec4)
     surface_index = surface_of_triangle if len(surface_of_triangle) else np.zeros(1, np.int32)
     table.surface = launcher.array(surface_index.astype(np.int32), "picture")
-    material = np.asarray(dressing.index or (0,), np.int32)[surface_index]
-    table.material = launcher.array(material, "picture")
+    table.material = launcher.array(np.concatenate(material or [np.zeros(1, np.int32)]), "picture")
     return table
 
 
@@ -209,20 +208,6 @@ def _cast_rays(
 
 
 @wp.kernel
-def _start_color(
-    rows: Rows,
-    looks: Looks,
-    points: SurfacePoints,
-    diffuse: wp.array[wp.vec3],
-    ambient: wp.vec3,
-    color_out: wp.array[wp.vec3],
-):
-    """color[s] = emissive + ambient ⊗ m_d."""
-    s = rows.first + wp.tid()
-    color_out[s] = looks.materials[points.material[s]].emissive + wp.cw_mul(ambient, diffuse[s])
-
-
-@wp.kernel
 def _add_light(
     rows: Rows,
     radiance: wp.array[wp.vec3],
@@ -291,11 +276,6 @@ def _encode(rows: Rows, mean: wp.array[wp.vec3], srgb: SrgbTable, codes_out: wp.
 def cast_rays(launcher: Launcher, count: int, *args) -> None:
     """Casts a ray for each pixel: mesh id, view, place in the pixel (x, y), table, and the points and hits it fills."""
     launcher.launch_each(_cast_rays, count, *args)
-
-
-def start_color(launcher: Launcher, count: int, *args) -> None:
-    """Writes what is seen without any light but the ambient: looks, points, diffuse, ambient, out."""
-    launcher.launch_each(_start_color, count, *args)
 
 
 def add_light(launcher: Launcher, count: int, *args) -> None:

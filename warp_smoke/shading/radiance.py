@@ -76,7 +76,7 @@ def _shade_light(
         m = looks.materials[points.material[s]]
         if eye[3] > 0.0:
             to_eye = wp.normalize(wp.vec3(eye[0], eye[1], eye[2]) - p)
-            radiance = reflect(b, to_light, to_eye, n, detail.diffuse[s], m.r0, detail.gloss[s], m.reflection)
+            radiance = reflect(b, to_light, to_eye, n, detail.diffuse[s], detail.r0[s], detail.gloss[s], m.reflection)
             if m.parallax == _OCCLUSION:
                 frame = tangent_frame(points.normals[s], points.tangents[s])
                 if wp.length(frame.t) > 0.5:

@@ -1,11 +1,13 @@
 """Points of surfaces ready to be lit: parallax first, then normal, base colour and gloss at the shifted coordinates."""
 
+from collections.abc import Sequence
+
 import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
-from warp_smoke.material import GLOSS_ROLES, PARALLAXES, REFLECTIONS
+from warp_smoke.material import GLOSS_ROLES, PARALLAXES, REFLECTIONS, Material
 from warp_smoke.shading.blinn_phong import blinn_phong_exponent
-from warp_smoke.shading.looks import Looks, MaterialLook, sample_number, sample_texture
+from warp_smoke.shading.looks import Looks, MaterialLook, color_at, opacity_at, sample_texture, share_of
 from warp_smoke.shading.relief import mapped_normal, march_relief, offset_parallax, tangent_frame, to_tangent
 
 wp.set_module_options({"enable_backward": False})
@@ -36,33 +38,48 @@ class SurfacePoints:
 
 @wp.struct
 class SurfaceDetail:
-    """What the pictures say at each point, [n] each.
+    """What the materials and their pictures say at each point, [n] each.
 
     Attributes:
         normals: unit normals that light is reflected by.
-        diffuse: linear RGB.
+        diffuse: linear RGB of what is not metal.
+        r0: reflectance at normal incidence, linear RGB.
         gloss: factor on highlights, and their exponent.
+        unlit: light without any of the lights: given off and reflected of the ambient light, linear RGB.
         relief: (u, v, z) on the relief; one element where no material is marched.
+        opacity: one element where no material is see-through.
     """
 
     normals: wp.array[wp.vec3]
     diffuse: wp.array[wp.vec3]
+    r0: wp.array[wp.vec3]
     gloss: wp.array[wp.vec2]
+    unlit: wp.array[wp.vec3]
     relief: wp.array[wp.vec3]
+    opacity: wp.array[float]
 
 
-def allocate_detail(launcher: Launcher, count: int, label: str, marched: int) -> SurfaceDetail:
-    """Room for `count` points, `marched` of which may lie on a relief (all or none)."""
+def allocate_detail(launcher: Launcher, count: int, label: str, materials: Sequence[Material]) -> SurfaceDetail:
+    """Room for `count` points of some materials."""
     detail = SurfaceDetail()
-    detail.normals = launcher.zeros(count, label, dtype=wp.vec3)
-    detail.diffuse = launcher.zeros(count, label, dtype=wp.vec3)
+    for name in ("normals", "diffuse", "r0", "unlit"):
+        setattr(detail, name, launcher.zeros(count, label, dtype=wp.vec3))
     detail.gloss = launcher.zeros(count, label, dtype=wp.vec2)
-    detail.relief = launcher.zeros(max(marched, 1), label, dtype=wp.vec3)
+    marched = any(material.is_marched for material in materials)
+    detail.relief = launcher.zeros(count if marched else 1, label, dtype=wp.vec3)
+    see_through = any(material.is_see_through for material in materials)
+    detail.opacity = launcher.zeros(count if see_through else 1, label)
     return detail
 
 
 def look_up_detail(
-    launcher: Launcher, count: int, looks: Looks, points: SurfacePoints, eye: wp.vec4, detail: SurfaceDetail
+    launcher: Launcher,
+    count: int,
+    looks: Looks,
+    points: SurfacePoints,
+    eye: wp.vec4,
+    ambient: wp.vec3,
+    detail: SurfaceDetail,
 ) -> None:
     """Fills the detail of each point.
 
@@ -72,10 +89,10 @@ def look_up_detail(
         looks: their materials.
         points: the points.
         eye: position in set space and 1, or zeros, by which there is no parallax.
+        ambient: light from everywhere, linear RGB.
         detail: what is filled.
     """
-    args = (looks, points, eye, detail.normals, detail.diffuse, detail.gloss, detail.relief)
-    launcher.launch_each(_look_up_detail, count, *args)
+    launcher.launch_each(_look_up_detail, count, looks, points, eye, ambient, detail)
 
 
 @wp.func
@@ -84,7 +101,7 @@ def gloss_of(looks: Looks, m: MaterialLook, uv: wp.vec2):
     factor = wp.float32(1.0)
     exponent = blinn_phong_exponent(m.roughness)
     if m.roughness_texture >= 0:
-        roughness = wp.clamp(sample_number(looks, m.roughness_texture, uv), 0.0, 1.0)
+        roughness = share_of(looks, m.roughness_texture, uv, m.roughness)
         if m.gloss == _FACTOR:
             factor = 1.0 - roughness
         else:
@@ -94,23 +111,28 @@ def gloss_of(looks: Looks, m: MaterialLook, uv: wp.vec2):
     return wp.vec2(factor, exponent)
 
 
+@wp.func
+def has_pictures(m: MaterialLook):
+    """Whether any of a material is looked up at texture coordinates."""
+    colors = m.diffuse_texture >= 0 or m.specular_texture >= 0 or m.emissive_texture >= 0
+    relief = m.normal_texture >= 0 or m.height_texture >= 0
+    numbers = m.roughness_texture >= 0 or m.metallic_texture >= 0 or m.occlusion_texture >= 0 or m.opacity_texture >= 0
+    return colors or relief or numbers
+
+
 @wp.kernel
 def _look_up_detail(
-    rows: Rows,
-    looks: Looks,
-    points: SurfacePoints,
-    eye: wp.vec4,
-    normals_out: wp.array[wp.vec3],
-    diffuse_out: wp.array[wp.vec3],
-    gloss_out: wp.array[wp.vec2],
-    relief_out: wp.array[wp.vec3],
+    rows: Rows, looks: Looks, points: SurfacePoints, eye: wp.vec4, ambient: wp.vec3, detail: SurfaceDetail
 ):
-    """First uv ← parallax(uv), then n, m_d and gloss at uv."""
+    """First uv ← parallax(uv), then all else at uv; with base colour c and share of metal k:
+
+    m_d = (1 − k) c, r₀ = (1 − k) r₀ + k c, unlit = emissive + occlusion · ambient ⊗ m_d.
+    """
     s = rows.first + wp.tid()
     m = looks.materials[points.material[s]]
     n = points.normals[s]
     uv = wp.vec2(0.0, 0.0)
-    if m.diffuse_texture >= 0 or m.normal_texture >= 0 or m.height_texture >= 0 or m.roughness_texture >= 0:
+    if has_pictures(m):
         uv = points.uvs[s]
     if m.normal_texture >= 0 or m.parallax <= _OCCLUSION:
         frame = tangent_frame(n, points.tangents[s])
@@ -121,14 +143,19 @@ def _look_up_detail(
             else:
                 place = march_relief(looks, m, uv, to_eye)
                 uv = wp.vec2(place[0], place[1])
-                relief_out[s] = place
+                detail.relief[s] = place
         if m.normal_texture >= 0:
             c = sample_texture(looks, m.normal_texture, uv)
             n = mapped_normal(frame, wp.vec3(c[0], c[1], c[2]))
-    normals_out[s] = n
-    diffuse = m.diffuse
-    if m.diffuse_texture >= 0:
-        rgba = sample_texture(looks, m.diffuse_texture, uv)
-        diffuse = wp.vec3(wp.max(rgba[0], 0.0), wp.max(rgba[1], 0.0), wp.max(rgba[2], 0.0))
-    diffuse_out[s] = diffuse
-    gloss_out[s] = gloss_of(looks, m, uv)
+    detail.normals[s] = n
+    base = color_at(looks, m.diffuse_texture, uv, m.diffuse)
+    metal = share_of(looks, m.metallic_texture, uv, m.metallic)
+    diffuse = (1.0 - metal) * base
+    detail.diffuse[s] = diffuse
+    detail.r0[s] = (1.0 - metal) * color_at(looks, m.specular_texture, uv, m.r0) + metal * base
+    detail.gloss[s] = gloss_of(looks, m, uv)
+    occlusion = share_of(looks, m.occlusion_texture, uv, m.occlusion)
+    emissive = color_at(looks, m.emissive_texture, uv, m.emissive)
+    detail.unlit[s] = emissive + occlusion * wp.cw_mul(ambient, diffuse)
+    if detail.opacity.shape[0] > s:
+        detail.opacity[s] = opacity_at(looks, m, uv)

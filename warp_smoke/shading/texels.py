@@ -27,8 +27,9 @@ class TexelMap:
         size: texels along a side of the picture.
         points: in set space, [n] vec3.
         normals: unit surface normals, [n] vec3.
-        tangents: and signs, [n] vec4 (see `tangents`); one element if the surface's material needs none.
+        tangents: and signs, [n] vec4 (see `tangents`); one element if none of the surface's materials needs them.
         uvs: texture coordinates, [n, 2] float32 on the host.
+        material: index into the surface's materials, [n] int32 on the host.
         overlapping: texels that several triangles share; they show the first.
     """
 
@@ -50,7 +51,8 @@ class TexelMap:
         self._corner_normals = launcher.zeros((len(mesh.triangles), 3), "bake", dtype=wp.vec3)
         self.points = launcher.zeros(self.count, "bake", dtype=wp.vec3)
         self.normals = launcher.zeros(self.count, "bake", dtype=wp.vec3)
-        self._needs_tangents = surface.material is not None and surface.material.needs_tangents
+        self.material = surface.material_of_triangle[coverage.triangle]
+        self._needs_tangents = any(material.needs_tangents for material in surface.materials)
         self._corner_tangents = launcher.zeros((self._rows(len(mesh.triangles)), 3), "bake", dtype=wp.vec4)
         self.tangents = launcher.zeros(self._rows(self.count), "bake", dtype=wp.vec4)
         self._source = launcher.array(spread_texels(coverage.texel, self.size), "bake")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
+from warp_smoke.material import COLOR_TEXTURES
 from warp_smoke.record import FieldError
 from warp_smoke.scene import Material
 from warp_smoke.shading.srgb import decode_srgb
@@ -75,7 +76,7 @@ def read_texture(material: Material, field: str) -> Picture:
     """
     texture = getattr(material, field)
     color_space = texture.color_space
-    if color_space == "auto" and field != "diffuse_texture":
+    if color_space == "auto" and field not in COLOR_TEXTURES:
         color_space = "raw"
     try:
         return Picture.read(texture.file, color_space)

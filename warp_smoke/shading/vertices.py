@@ -19,6 +19,7 @@ class VertexMap:
             area-weighted mean of its faces; zero at a point without faces.
         tangents: one element; there are no tangent frames at points.
         uvs: texture coordinates of one of the corners at each point, [n, 2] float32 on the host, or None.
+        material: index into the surface's materials of one of the corners' triangles, [n] int32 on the host.
     """
 
     def __init__(self, launcher: Launcher, surface: Surface, origin: np.ndarray):
@@ -33,6 +34,8 @@ class VertexMap:
         if mesh.uvs is not None and np.all(np.isfinite(mesh.uvs)):
             self.uvs = np.zeros((self.count, 2), np.float32)
             self.uvs[mesh.triangles] = mesh.uvs
+        self.material = np.zeros(self.count, np.int32)
+        self.material[mesh.triangles] = surface.material_of_triangle[:, None]
 
     def update(self, time: float) -> bool:
         """Moves points and normals to a time code; returns whether they moved."""

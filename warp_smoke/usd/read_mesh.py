@@ -107,6 +107,7 @@ def _read_polygons(reader: StageReader, mesh: UsdGeom.Mesh) -> Mesh:
         triangles,
         _read_normals(reader, mesh, points, triangles, each_corner),
         _read_uvs(reader, mesh, each_corner),
+        None if np.array_equal(polygon, np.arange(len(counts))) else polygon.astype(np.int32),
     )
 
 
