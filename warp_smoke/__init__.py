@@ -12,6 +12,8 @@ from warp_smoke.preview import live_preview, preview
 from warp_smoke.record import Samples
 from warp_smoke.run import run
 from warp_smoke.scene import (
+    ArrayCollider,
+    ArrayEmitter,
     Camera,
     Collider,
     DistantLight,
@@ -31,6 +33,8 @@ from warp_smoke.scene import (
 __version__ = version("warp-smoke")
 
 __all__ = [
+    "ArrayCollider",
+    "ArrayEmitter",
     "Camera",
     "Collider",
     "DistantLight",

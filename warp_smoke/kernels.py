@@ -14,6 +14,7 @@ _FLUID = {
     "voxelize_colliders": ("fluid.voxelize", "fluid.walls", "fluid.colliders"),
     "vary_emission": ("fluid.emitter_share",),
     "emit_density": ("fluid.voxelize", "fluid.emitters"),
+    "emit_density arrays": ("fluid.array_source",),
     "blow_wind": ("fluid.wind",),
     "add_buoyancy": ("fluid.forces",),
     "stir_air": ("fluid.turbulence",),

@@ -1,6 +1,6 @@
 """A plan at work on one device: frame by frame, fluid, then shadows, then bakes; exactly the plan's passes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ from warp_smoke.kernels import kernel_modules
 from warp_smoke.launch import Launcher, load_kernels
 from warp_smoke.lighting import Lighting
 from warp_smoke.plan import DomainPlan, Plan, make_plan
-from warp_smoke.record import Record
+from warp_smoke.record import FieldError, Record
 from warp_smoke.scene import Scene
 from warp_smoke.timing import Timings
 
@@ -57,6 +57,11 @@ class Frame(Record):
 class Simulation:
     """Runs a scene one frame at a time; fields and pictures can be read, and fields written, between steps.
 
+    On the CPU `.numpy()` of a field is the field itself, not a copy: what a script writes there is simulated. Advection
+    puts other arrays in the place of the fields, so ask for them anew after each step. Emitters and colliders may be
+    arrays too: `ArrayEmitter`, `ArrayCollider`. Results are the same to the bit in every run and for any number of
+    threads, as long as `on_substep` does the same in every run.
+
     Attributes:
         plan: the passes that run.
         frame: the last frame that was made, or None before the first step.
@@ -65,18 +70,27 @@ class Simulation:
         warnings: what the bakes had to leave out.
     """
 
-    def __init__(self, scene: Scene | Plan | str | Path, device: str = "cpu", threads: int | None = None):
+    def __init__(
+        self,
+        scene: Scene | Plan | str | Path,
+        device: str = "cpu",
+        threads: int | None = None,
+        on_substep: Callable[["SmokeSolver", float, float], None] | None = None,
+    ):
         """Makes everything that the plan needs, and nothing else.
 
         Args:
             scene: a scene, the file of one, or a plan made of one.
             device: `cpu`, `cuda` or `cuda:N`.
             threads: CPU threads; all unless given.
+            on_substep: called in each substep of each domain after all forces and before the pressure, with the
+                domain's solver, the time code of the substep's end and its seconds: to add a force to
+                `solver.state.velocity`, say. With it air moves in every domain (where the plan is made here).
 
         Raises:
             MemoryError: the plan does not fit the device; nothing has been allocated.
         """
-        self.plan = scene if isinstance(scene, Plan) else make_plan(scene)
+        self.plan = scene if isinstance(scene, Plan) else make_plan(scene, "on_substep" if on_substep else "")
         self.launcher = Launcher(device, threads)
         self.plan.check_memory(self.launcher.available_bytes())
         self.timings = Timings(self.launcher)
@@ -84,6 +98,8 @@ class Simulation:
         with self.timings.measure("load_kernels"):
             load_kernels(kernel_modules(self.plan), device)
         self._solvers = {each.domain.path: self._solver(each) for each in self.plan.domains}
+        for solver in self._solvers.values():
+            solver.on_substep = on_substep
         self._lighting = Lighting(self.launcher, self.plan, self.timings)
         self.warnings = self._lighting.warnings
 
@@ -107,12 +123,45 @@ class Simulation:
 
     @property
     def density(self) -> wp.array:
-        """The first domain's density, [nx, ny, nz], on the device; assign an array to change it."""
+        """The first domain's density at cell centres, [nx, ny, nz], on the device; assign an array to change it."""
         return self.solver().state.density
 
     @density.setter
     def density(self, values: np.ndarray | wp.array) -> None:
-        self.solver().state.density.assign(values)
+        self._write("density", [self.density], [values])
+
+    @property
+    def temperature(self) -> wp.array | None:
+        """Likewise the temperature; None if nothing needs it: neither buoyancy nor an exported grid."""
+        return self.solver().state.temperature
+
+    @temperature.setter
+    def temperature(self, values: np.ndarray | wp.array) -> None:
+        self._write("temperature", [self.temperature], [values])
+
+    @property
+    def velocity(self) -> tuple[wp.array, wp.array, wp.array] | None:
+        """Likewise u, v, w on faces, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1] [m/s]; None in still air."""
+        return self.solver().state.velocity
+
+    @velocity.setter
+    def velocity(self, values: Sequence[np.ndarray | wp.array]) -> None:
+        self._write("velocity", self.velocity or [None], values)
+
+    def _write(self, name: str, fields: Sequence[wp.array | None], values: Sequence) -> None:
+        """Copies arrays into fields.
+
+        Raises:
+            ValueError: the fields are not simulated, or have other shapes.
+        """
+        path = next(iter(self._solvers))
+        if fields[0] is None:
+            raise FieldError(path, name, "written", "only where the plan simulates it")
+        shapes, wanted = [np.shape(each) for each in values], [each.shape for each in fields]
+        if shapes != wanted:
+            raise FieldError(path, name, f"of shape {shapes}", f"{wanted}")
+        for field, each in zip(fields, values, strict=True):
+            field.assign(each)
 
     def depth_pictures(self) -> dict[str, np.ndarray]:
         """The shadow maps by path of light, uint8 (white = far); six faces of a cube as a cross [3 n, 4 n]."""

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import warp as wp
 
+from warp_smoke.fluid.array_walls import ArrayWalls
 from warp_smoke.fluid.grid import face_shape
 from warp_smoke.fluid.operators import close_sides, corners, face_weight, side_weights
 from warp_smoke.fluid.walls import SOLID_FRACTION, MeshWalls
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher, Rows, dense
-from warp_smoke.scene import Collider
+from warp_smoke.scene import ArrayCollider, Collider
 
 wp.set_module_options({"enable_backward": False})
 
@@ -60,19 +61,6 @@ def _open_faces(
         if i < nx and j < ny:
             open_k = wp.min(face_weight(k, nz, lower[2], upper[2]), 1.0)
             wz_out[i, j, k] = open_k * f[i, j, wp.max(k - 1, 0)] * f[i, j, wp.min(k, nz - 1)]
-        k += 1
-
-
-@wp.kernel
-def _close_crossed(rows: Rows, lower: wp.vec3i, crossed: wp.array3d[float], w_inout: wp.array3d[float]):
-    """Sets w = 0 on faces that a surface crosses."""
-    i, j, c = wp.tid()
-    i += rows.first
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, crossed.shape[2])
-    while k < end:
-        if crossed[i, j, k] > 0.0:
-            w_inout[lower[0] + i, lower[1] + j, lower[2] + k] = 0.0
         k += 1
 
 
@@ -139,16 +127,19 @@ class Solids:
         changes: how often the arrays were filled.
     """
 
-    def __init__(self, launcher: Launcher, lattice: Lattice, colliders: Sequence[Collider]):
+    def __init__(self, launcher: Launcher, lattice: Lattice, colliders: Sequence[Collider | ArrayCollider]):
         """Allocates; `update` fills the arrays.
 
         Args:
             launcher: where it runs.
             lattice: cells of the domain.
-            colliders: the meshes; their thickness is in voxels.
+            colliders: the meshes, whose thickness is in voxels, and arrays.
         """
         self._launcher, self._lattice = launcher, lattice
-        walls = [MeshWalls(launcher, lattice, each) for each in colliders]
+        walls = [
+            (ArrayWalls if isinstance(each, ArrayCollider) else MeshWalls)(launcher, lattice, each)
+            for each in colliders
+        ]
         self._walls = sorted(walls, key=lambda each: each.moves)
         faces = [face_shape(lattice.shape, axis) for axis in range(3)]
         self.fluid = self.held = launcher.zeros(lattice.shape, "colliders")
@@ -193,8 +184,7 @@ class Solids:
             launcher.launch(_mark_solid, each.shape, wp.vec3i(*each.lower), each.fraction, self.fluid)
         open_faces(launcher, self.fluid, sides, shares)
         for each in walls:
-            for crossed, share in zip(each.crossed, shares, strict=True):
-                launcher.launch(_close_crossed, crossed.shape, wp.vec3i(*each.lower), crossed, share)
+            each.close(shares)
         if self.velocity is not None:
             for component in self.velocity:
                 component.zero_()

@@ -4,8 +4,9 @@ J. Stam, *Stable Fluids*, 1999; R. Fedkiw, J. Stam, H. W. Jensen, *Visual Simula
 forces, diffuses the velocity and projects it, carries all fields along it, and diffuses and dissipates the smoke.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from math import ceil, isfinite, sqrt
+from math import ceil, inf, isfinite, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ import warp as wp
 
 from warp_smoke.fluid.active_box import FAST, fit_boxes, hull
 from warp_smoke.fluid.advection import limit_energy
+from warp_smoke.fluid.array_source import ArraySource
 from warp_smoke.fluid.colliders import Solids
 from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffusion_number
 from warp_smoke.fluid.dissipation import decay
@@ -35,6 +37,7 @@ from warp_smoke.fluid.vorticity import VorticityConfinement
 from warp_smoke.fluid.wind import Wind
 from warp_smoke.launch import Launcher
 from warp_smoke.record import each_value
+from warp_smoke.scene import ArrayEmitter
 from warp_smoke.timing import Timings
 
 if TYPE_CHECKING:
@@ -73,6 +76,8 @@ class SmokeSolver:
     Attributes:
         state: the fields.
         solids: the colliders on the lattice, or None.
+        on_substep: called in each step after all forces and before the pressure, with this solver, the time code of
+            the step's end and its seconds; or None. What it adds to the velocity is projected and carried along.
     """
 
     def __init__(self, launcher: Launcher, plan: "DomainPlan", timings: Timings):
@@ -85,8 +90,12 @@ class SmokeSolver:
         """
         self._launcher, self._timings, self._passes = launcher, timings, frozenset(plan.passes)
         self._domain, self._lattice = plan.domain, plan.lattice
+        self.on_substep: Callable[[SmokeSolver, float, float], None] | None = None
         shape, sides = plan.lattice.shape, plan.lattice.sides
-        self._sources = [Source(launcher, plan.lattice, emitter) for emitter in plan.emitters]
+        self._sources = [
+            (ArraySource if isinstance(each, ArrayEmitter) else Source)(launcher, plan.lattice, each)
+            for each in plan.emitters
+        ]
         self.state = make_state(launcher, shape, self._passes, plan.domain.ambient_temperature)
         self.solids = Solids(launcher, plan.lattice, plan.colliders) if self._has("voxelize_colliders") else None
         self._boundary = SolidBoundary(launcher, self.solids) if self.solids else None
@@ -98,9 +107,7 @@ class SmokeSolver:
             self._advection = ADVECTION_SCHEMES[plan.advection](launcher, shape, sides, self._boundary)
             self._measures = Measures(launcher, shape)
         if self._has("fit_active_box"):
-            gives = [(each_value(e.density), each_value(e.temperature)) for e in plan.emitters]
-            self._density = max(float(np.max(density)) for density, _ in gives)
-            self._heat = max(float(np.abs(heat - plan.domain.ambient_temperature).max()) for _, heat in gives)
+            self._density, self._heat = _typical(plan)
         windy = self._has("blow_wind") and any(plan.domain.wind)
         self._wind = Wind(launcher, plan.lattice, plan.domain.wind) if windy else None
         if self._has("add_buoyancy"):
@@ -183,10 +190,13 @@ class SmokeSolver:
         report = StepReport()
         self._place_colliders(start, end, dt)
         self._emit(start, end, dt)
+        confinement = self._confine_vorticity(dt)  # before buoyancy moves faces of solids: its cap counts them
+        self._add_buoyancy(dt)
+        self._stir_air(start, end, dt)
+        if self.on_substep:
+            with self._timings.measure("on_substep"):
+                self.on_substep(self, end, dt)
         if self._flows:
-            confinement = self._confine_vorticity(dt)  # before buoyancy moves faces of solids: its cap counts them
-            self._add_buoyancy(dt)
-            self._stir_air(start, end, dt)
             diffusion = self._diffuse_velocity(dt)
             pressure = self._project_pressure()
             courant, speed = self._advect(dt)
@@ -352,3 +362,12 @@ class SmokeSolver:
         if self._has("cool_temperature"):
             with self._timings.measure("cool_temperature"):
                 decay(self._launcher, state.temperature, domain.ambient_temperature, domain.temperature_cooling, dt)
+
+
+def _typical(plan: "DomainPlan") -> tuple[float, float]:
+    """The largest density that emitters give, and departure from ambient temperature; inf if arrays may give any."""
+    if any(isinstance(each, ArrayEmitter) for each in plan.emitters):
+        return inf, inf
+    ambient = plan.domain.ambient_temperature
+    density = max(float(np.max(each_value(each.density))) for each in plan.emitters)
+    return density, max(float(np.abs(each_value(each.temperature) - ambient).max()) for each in plan.emitters)

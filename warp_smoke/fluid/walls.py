@@ -92,6 +92,19 @@ def _cross_faces(
 
 
 @wp.kernel
+def _close_crossed(rows: Rows, lower: wp.vec3i, crossed: wp.array3d[float], w_inout: wp.array3d[float]):
+    """Sets w = 0 on faces that a surface crosses."""
+    i, j, c = wp.tid()
+    i += rows.first
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, crossed.shape[2])
+    while k < end:
+        if crossed[i, j, k] > 0.0:
+            w_inout[lower[0] + i, lower[1] + j, lower[2] + k] = 0.0
+        k += 1
+
+
+@wp.kernel
 def _fill_inside(
     rows: Rows,
     mesh: wp.uint64,
@@ -268,6 +281,15 @@ class MeshWalls(LatticeMesh):
             return
         args = (*self._place(), self._far(), int(self.lower[2] == 0), *self.crossed, self.fraction)
         self._launcher.launch(_fill_inside, self.shape, *args)
+
+    def close(self, shares: tuple[wp.array, wp.array, wp.array]) -> None:
+        """Closes the faces that the surface crosses.
+
+        Args:
+            shares: wx, wy, wz, the open share of each face of the lattice, set to 0 there.
+        """
+        for crossed, share in zip(self.crossed, shares, strict=True):
+            self._launcher.launch(_close_crossed, crossed.shape, wp.vec3i(*self.lower), crossed, share)
 
     def push(self, velocity: tuple) -> None:
         """Gives the faces that the mesh closes its velocity.

@@ -6,14 +6,31 @@ from warp_smoke.lattice import Lattice, place_lattice
 from warp_smoke.plan.passes import DomainPlan, Ledger, When
 from warp_smoke.plan.reach import in_box, is_moving, over, swept_corners
 from warp_smoke.record import FieldError, each_value
-from warp_smoke.scene import DIFFUSION_SOLVERS, PRESSURE_SOLVERS, Collider, Emitter, Scene, SmokeDomain
+from warp_smoke.scene import (
+    DIFFUSION_SOLVERS,
+    PRESSURE_SOLVERS,
+    ArrayCollider,
+    ArrayEmitter,
+    Collider,
+    Emitter,
+    Scene,
+    SmokeDomain,
+)
+from warp_smoke.scene.arrays import check_cells
 
 DEFAULT_ADVECTION = "maccormack"
 DEFAULT_TOLERANCE = 1e-3
 
 
-def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan | None:
-    """Plans the fluid of one domain, or None if it never holds smoke."""
+def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain, stirred_by: str = "") -> DomainPlan | None:
+    """Plans the fluid of one domain, or None if it never holds smoke.
+
+    Args:
+        ledger: takes the passes.
+        scene: all of it.
+        domain: one of its domains.
+        stirred_by: what else moves the air, which the scene does not tell of; nothing if empty.
+    """
     lattice = place_lattice(scene, domain)
     emitters = _emitters(ledger, scene, domain, lattice)
     if not emitters:
@@ -25,14 +42,16 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
     diffusion_solver, diffusion_why = _diffusion_solver(domain, colliders)
     scheme = domain.advection or DEFAULT_ADVECTION
 
-    hot = any(np.any(each_value(e.temperature) != domain.ambient_temperature) for e in emitters)
+    hot = any(_heats(each, domain.ambient_temperature) for each in emitters)
     buoyant_by_heat = hot and domain.buoyancy_temperature != 0
-    buoyant_by_weight = domain.buoyancy_density != 0 and any(np.any(each_value(e.density)) for e in emitters)
+    buoyant_by_weight = domain.buoyancy_density != 0 and any(_weighs(each) for each in emitters)
     has_heat = buoyant_by_heat or "temperature" in domain.grids
-    pushing = [e for e in emitters if np.any(each_value(e.velocity)) or (e.inherit_velocity and is_moving(e))]
+    pushing = [each for each in emitters if _pushes(each)]
     stirring = [c for c in colliders if is_moving(c)]
     windy = any(domain.wind) and "open" in lattice.sides
-    flows = bool(buoyant_by_heat or buoyant_by_weight or pushing or stirring or windy or domain.turbulence)
+    flows = bool(
+        buoyant_by_heat or buoyant_by_weight or pushing or stirring or windy or domain.turbulence or stirred_by
+    )
     still = "nothing moves the air: no buoyancy, no wind, no turbulence, no emitter that pushes, no moving collider"
     cold = "no buoyancy reads it and it is not exported"
 
@@ -56,11 +75,12 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
     why = f"wind is ({', '.join(f'{x:g}' for x in domain.wind)}) m/s"
     why_not = "no side is open for the wind to come in" if any(domain.wind) else "wind is 0"
     choose("blow_wind", windy, why, why_not, makes="velocity")
-    partial = [e for e in emitters if e.is_partial]
+    partial = [e for e in emitters if isinstance(e, Emitter) and e.is_partial]
     why = f"{_paths(partial)} makes smoke by noise or in its surface"
     why_not = "all emitters make smoke evenly in all their inside"
     choose("vary_emission", partial, why, why_not, makes="shares of cells")
-    choose("emit_density", True, f"{_paths(emitters)} makes smoke", "", makes="density")
+    from_arrays = "arrays" if any(isinstance(e, ArrayEmitter) for e in emitters) else ""
+    choose("emit_density", True, f"{_paths(emitters)} makes smoke", "", makes="density", method=from_arrays)
     asks = "buoyancy reads it" if buoyant_by_heat else "it is among the exported grids"
     choose("emit_temperature", has_heat, asks, cold, makes="temperature")
     why, why_not = f"{_paths(pushing)} pushes the air", "no emitter has a velocity or moves"
@@ -79,7 +99,7 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain) -> DomainPlan
     slips = "viscosity is 0" + ", so air slides along the sides that are no_slip too" * sticky
     why_not = still if domain.viscosity else slips
     choose("diffuse_velocity", flows and domain.viscosity, why, why_not, makes="velocity", method=diffusion_solver)
-    why = f"air keeps its volume; {solver_why}"
+    why = f"{stirred_by} moves the air; " * bool(stirred_by) + f"air keeps its volume; {solver_why}"
     choose("project_pressure", flows, why, still, makes="velocity without divergence", method=solver)
     why = "air and smoke are carried where there is smoke or fast air, and around it, and nowhere else"
     why_not = still if domain.active_box else "activeBox is false"
@@ -113,9 +133,50 @@ def _paths(prims: list | tuple) -> str:
     return ", ".join(prim.path for prim in prims)
 
 
-def _emitters(ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Lattice) -> tuple[Emitter, ...]:
+def _heats(emitter: Emitter | ArrayEmitter, ambient: float) -> bool:
+    """Whether its smoke may be hotter or colder than the air; what an array holds may change."""
+    if isinstance(emitter, ArrayEmitter):
+        return emitter.temperature is not None
+    return bool(np.any(each_value(emitter.temperature) != ambient))
+
+
+def _weighs(emitter: Emitter | ArrayEmitter) -> bool:
+    """Whether it may make smoke that has a density."""
+    if isinstance(emitter, ArrayEmitter):
+        return emitter.density is not None
+    return bool(np.any(each_value(emitter.density)))
+
+
+def _pushes(emitter: Emitter | ArrayEmitter) -> bool:
+    """Whether it may give the air a velocity."""
+    if isinstance(emitter, ArrayEmitter):
+        return emitter.velocity is not None
+    return bool(np.any(each_value(emitter.velocity)) or (emitter.inherit_velocity and is_moving(emitter)))
+
+
+def _covers(record: ArrayEmitter | ArrayCollider, domain: SmokeDomain, lattice: Lattice) -> bool:
+    """Whether a record's arrays are meant for a domain.
+
+    Raises:
+        FieldError: they are, and do not fit its cells.
+    """
+    if record.domain not in (None, domain.path):
+        return False
+    check_cells(record, lattice.shape)
+    return True
+
+
+def _emitters(
+    ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Lattice
+) -> tuple[Emitter | ArrayEmitter, ...]:
     found = []
     for emitter in scene.emitters:
+        if isinstance(emitter, ArrayEmitter):
+            if _covers(emitter, domain, lattice):
+                found.append(emitter)
+            else:
+                ledger.omit("emit", (domain.path, emitter.path), f"{emitter.path} is for {emitter.domain}")
+            continue
         gives = emitter.density if emitter.rate is None else emitter.rate
         corners = swept_corners(emitter, scene.frames)
         if not np.any(over(emitter.enabled, scene.frames)):
@@ -131,10 +192,17 @@ def _emitters(ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Lattic
     return tuple(found)
 
 
-def _colliders(ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Lattice) -> tuple[Collider, ...]:
+def _colliders(
+    ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Lattice
+) -> tuple[Collider | ArrayCollider, ...]:
     found = []
     for collider in scene.colliders:
-        if in_box(lattice, swept_corners(collider, scene.frames)):
+        if isinstance(collider, ArrayCollider):
+            if _covers(collider, domain, lattice):
+                found.append(collider)
+            else:
+                ledger.omit("collide", (domain.path, collider.path), f"{collider.path} is for {collider.domain}")
+        elif in_box(lattice, swept_corners(collider, scene.frames)):
             found.append(collider)
         else:
             why = f"{collider.path} never touches {domain.path}"
@@ -142,7 +210,7 @@ def _colliders(ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Latti
     return tuple(found)
 
 
-def _pressure_solver(domain: SmokeDomain, colliders: tuple[Collider, ...]) -> tuple[str, str]:
+def _pressure_solver(domain: SmokeDomain, colliders: tuple[Collider | ArrayCollider, ...]) -> tuple[str, str]:
     """The solver, and why it is taken."""
     solver = domain.pressure_solver
     if solver is None and colliders:
@@ -156,7 +224,7 @@ def _pressure_solver(domain: SmokeDomain, colliders: tuple[Collider, ...]) -> tu
     return solver, f"pressureSolver is {solver}"
 
 
-def _diffusion_solver(domain: SmokeDomain, colliders: tuple[Collider, ...]) -> tuple[str, str]:
+def _diffusion_solver(domain: SmokeDomain, colliders: tuple[Collider | ArrayCollider, ...]) -> tuple[str, str]:
     """The solver, and why it is taken."""
     solver = domain.diffusion_solver
     if solver is None and colliders:

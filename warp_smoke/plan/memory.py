@@ -5,6 +5,7 @@ from PIL import Image
 from warp_smoke.material import TEXTURES, Material
 from warp_smoke.plan.passes import DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan, VolumePlan
 from warp_smoke.record import Samples
+from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, Emitter
 from warp_smoke.shadow.light_buffer import fit_shear, light_in_cells
 from warp_smoke.shadow.projective import SCATTER_PARTS
 
@@ -47,11 +48,19 @@ def _domain_bytes(plan: DomainPlan) -> int:
         if plan.pressure_solver != "spectral" and not plan.colliders:
             floats += _OPEN_FACES
         floats += 20 / plan.lattice.shape[1]  # sums along j, in double precision
+    floats += sum(_array_floats(each) for each in (*plan.emitters, *plan.colliders))
     if {"diffuse_velocity", "diffuse_density"} & set(plan.passes):
         floats += _DIFFUSION[plan.diffusion_solver]
         if plan.diffusion_solver == "jacobi" and not plan.colliders:
             floats += _OPEN_FACES
     return int(4 * plan.lattice.cells * floats)
+
+
+def _array_floats(record: Emitter | ArrayEmitter | Collider | ArrayCollider) -> int:
+    """Floats for each cell of an emitter or collider from arrays; meshes take little."""
+    if isinstance(record, ArrayEmitter):
+        return sum(3 if name == "velocity" else 1 for name in record.fields)
+    return int(isinstance(record, ArrayCollider))
 
 
 def _receiver_bytes(plan: ReceiverPlan) -> int:

@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from warp_smoke.lattice import Lattice
-from warp_smoke.scene import Collider, Emitter, Light, Scene, SmokeDomain, Surface
+from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, Emitter, Light, Scene, SmokeDomain, Surface
 
 # Fluid first, then what reads its density; inside each group as a step runs.
 PASS_NAMES = (
@@ -118,8 +118,8 @@ class DomainPlan:
     domain: SmokeDomain
     lattice: Lattice
     passes: tuple[str, ...]
-    emitters: tuple[Emitter, ...]
-    colliders: tuple[Collider, ...]
+    emitters: tuple[Emitter | ArrayEmitter, ...]
+    colliders: tuple[Collider | ArrayCollider, ...]
     advection: str
     pressure_solver: str
     pressure_tolerance: float

@@ -10,8 +10,12 @@ from warp_smoke.plan.volumes import plan_volumes
 from warp_smoke.scene import Scene
 
 
-def make_plan(scene: Scene | str | Path) -> Plan:
+def make_plan(scene: Scene | str | Path, stirred_by: str = "") -> Plan:
     """Works out which passes the outputs of a scene, or of a stage's file, need.
+
+    Args:
+        scene: what to plan for.
+        stirred_by: what else moves the air, such as a script's force, which the scene does not tell of.
 
     Raises:
         FieldError: a domain asks for a scheme that cannot serve it.
@@ -21,7 +25,7 @@ def make_plan(scene: Scene | str | Path) -> Plan:
     ledger = Ledger()
     if not scene.domains:
         ledger.omit("simulate", (), "the stage has no smoke domain")
-    domains = tuple(plan for domain in scene.domains if (plan := plan_domain(ledger, scene, domain)))
+    domains = tuple(plan for domain in scene.domains if (plan := plan_domain(ledger, scene, domain, stirred_by)))
     receivers = plan_receivers(ledger, scene, domains)
     volumes = plan_volumes(ledger, scene, domains)
     estimate = memory_estimate(domains, receivers, volumes)

@@ -15,7 +15,7 @@ from warp_smoke.preview.stage import Frame, PreviewStage
 from warp_smoke.preview.surfaces import SurfaceActor
 from warp_smoke.preview.volume import SmokeActor
 from warp_smoke.record import Record, Samples
-from warp_smoke.scene import Material
+from warp_smoke.scene import Emitter, Material
 
 if TYPE_CHECKING:
     from warp_smoke.preview.live import LiveStage
@@ -133,7 +133,7 @@ class StageView:
         marks = [mark_light(light, center, radius, time) for light in scene.lights]
         if not self._stage.has_results:
             marks += [mark_domain(domain, scene.start) for domain in scene.domains]
-            marks += [mark_emitter(emitter, time) for emitter in scene.emitters]
+            marks += [mark_emitter(emitter, time) for emitter in scene.emitters if isinstance(emitter, Emitter)]
         self._marks = [mark for mark in marks if mark is not None]
         for mark in self._marks:
             mark.visibility = self.drawn.marks

@@ -5,6 +5,7 @@ change" takes a plain value or `Samples`.
 """
 
 from warp_smoke.material import WRAP_MODES, Material, Procedural, Texture
+from warp_smoke.scene.arrays import ArrayCollider, ArrayEmitter
 from warp_smoke.scene.camera import Camera
 from warp_smoke.scene.light import (
     FALLOFF_MODELS,
@@ -55,6 +56,8 @@ __all__ = [
     "SMOKE_SHADOWS",
     "SOURCES",
     "WRAP_MODES",
+    "ArrayCollider",
+    "ArrayEmitter",
     "Camera",
     "Collider",
     "DistantLight",

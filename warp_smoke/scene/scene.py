@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from warp_smoke.record import FieldError, Record, at_least, one_of, positive, whole
+from warp_smoke.scene.arrays import ArrayCollider, ArrayEmitter
 from warp_smoke.scene.camera import Camera
 from warp_smoke.scene.light import Light
 from warp_smoke.scene.smoke import Collider, Emitter, SmokeDomain
@@ -29,8 +30,8 @@ class Scene(Record):
     """
 
     domains: tuple[SmokeDomain, ...] = ()
-    emitters: tuple[Emitter, ...] = ()
-    colliders: tuple[Collider, ...] = ()
+    emitters: tuple[Emitter | ArrayEmitter, ...] = ()
+    colliders: tuple[Collider | ArrayCollider, ...] = ()
     surfaces: tuple[Surface, ...] = ()
     lights: tuple[Light, ...] = ()
     camera: Camera | None = None
@@ -52,6 +53,10 @@ class Scene(Record):
                 if record.path in paths:
                     raise FieldError(record.path, "path", record.path, f"unique among the scene's {name}")
                 paths.add(record.path)
+        domains = [domain.path for domain in self.domains]
+        for record in (*self.emitters, *self.colliders):
+            if isinstance(record, ArrayEmitter | ArrayCollider) and record.domain not in (None, *domains):
+                raise FieldError(record.path, "domain", record.domain, f"None or one of {', '.join(domains) or 'none'}")
         self._store("ambient", at_least("scene", "ambient", self.ambient, shape=(3,)))
         self._store("start", whole("scene", "start", self.start, -(10**9), 10**9))
         self._store("end", whole("scene", "end", self.end, self.start, 10**9))

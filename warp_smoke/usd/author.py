@@ -13,8 +13,11 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade, UsdVol, Vt
 
 from warp_smoke.geometry import Mesh, Points
+from warp_smoke.material import COLOR_TEXTURES, DATA_TEXTURES
 from warp_smoke.record import FieldError, Record, Samples, each_value
 from warp_smoke.scene import (
+    ArrayCollider,
+    ArrayEmitter,
     Camera,
     Collider,
     DistantLight,
@@ -34,10 +37,9 @@ from warp_smoke.usd.schema import register_schema, schema_attributes
 
 ROOT = "/World"
 TEXTURED_INPUTS = {
-    "diffuse_texture": Sdf.ValueTypeNames.Color3f,
-    "roughness_texture": Sdf.ValueTypeNames.Float,
+    **dict.fromkeys(COLOR_TEXTURES, Sdf.ValueTypeNames.Color3f),
+    **dict.fromkeys(DATA_TEXTURES, Sdf.ValueTypeNames.Float),
     "normal_texture": Sdf.ValueTypeNames.Normal3f,
-    "height_texture": Sdf.ValueTypeNames.Float,
 }
 
 
@@ -96,6 +98,9 @@ def author_scene(scene: Scene, path: str | Path) -> None:
 
 def _check_paths(scene: Scene) -> None:
     """Raises FieldError unless each path is USD's, stands for one thing, and lies inside no other one."""
+    for record in (*scene.emitters, *scene.colliders):
+        if isinstance(record, ArrayEmitter | ArrayCollider):
+            raise FieldError(record.path, "shape", "arrays over cells", "a mesh or points, for a stage can hold them")
     shapes: dict[str, Emitter | Collider | Surface] = {}
     for record in (*scene.emitters, *scene.colliders, *scene.surfaces):
         first = shapes.setdefault(record.path, record)
@@ -122,8 +127,9 @@ def _materials(scene: Scene) -> list[Material]:
     """The different materials of the scene's surfaces."""
     materials = []
     for surface in scene.surfaces:
-        if surface.material is not None and surface.material not in materials:
-            materials.append(surface.material)
+        for material in (surface.material, *(each.material for each in surface.subsets)):
+            if material is not None and material not in materials:
+                materials.append(material)
     return materials
 
 
@@ -235,20 +241,44 @@ def _author_surface(stage: Usd.Stage, surface: Surface) -> None:
     _author_visibility(prim, surface.visible)
     if surface.receiver is not None:
         _author_smoke_fields(prim, "SmokeReceiverAPI", surface.receiver)
-    if surface.material is not None:
-        material = UsdShade.Material.Get(stage, surface.material.path)
-        UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)
+    _bind(prim, surface.material)
+    for each in surface.subsets:
+        if Sdf.Path(each.path).GetParentPath() != prim.GetPath():
+            raise FieldError(each.path, "path", each.path, f"a path right below {surface.path}, whose triangles it holds")
+        subset = UsdGeom.Subset.Define(stage, each.path)
+        subset.CreateElementTypeAttr(UsdGeom.Tokens.face)
+        subset.CreateFamilyNameAttr(UsdShade.Tokens.materialBind)
+        subset.CreateIndicesAttr(Vt.IntArray.FromNumpy(each.triangles))
+        _bind(subset.GetPrim(), each.material)
+
+
+def _bind(prim: Usd.Prim, material: Material | None) -> None:
+    if material is not None:
+        bound = UsdShade.Material.Get(prim.GetStage(), material.path)
+        UsdShade.MaterialBindingAPI.Apply(prim).Bind(bound)
 
 
 def _author_material(stage: Usd.Stage, material: Material, folder: Path) -> None:
-    """A `UsdPreviewSurface` in its specular workflow, which takes the reflectance as it is."""
+    """A `UsdPreviewSurface`: in its specular workflow, which takes the reflectance as it is, unless it holds metal."""
     prim = UsdShade.Material.Define(stage, material.path)
     surface = UsdShade.Shader.Define(stage, f"{material.path}/Surface")
     surface.CreateIdAttr("UsdPreviewSurface")
     prim.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
-    surface.CreateInput("useSpecularWorkflow", Sdf.ValueTypeNames.Int).Set(1)
+    metal = material.metallic > 0.0 or material.metallic_texture is not None
+    surface.CreateInput("useSpecularWorkflow", Sdf.ValueTypeNames.Int).Set(not metal)
     color, number = Sdf.ValueTypeNames.Color3f, Sdf.ValueTypeNames.Float
-    for field, kind in (("fresnel_r0", color), ("emissive_color", color), ("roughness", number)):
+    plain = {"emissive_color": color, "roughness": number}
+    if metal:
+        plain["metallic"] = number
+        surface.CreateInput("ior", number).Set(_index_of_refraction(material))
+    else:
+        plain["fresnel_r0"] = color
+    plain |= {
+        field: number
+        for field, default in (("occlusion", 1.0), ("opacity", 1.0), ("opacity_threshold", 0.0))
+        if getattr(material, field) != default
+    }
+    for field, kind in plain.items():
         surface.CreateInput(MATERIAL[field].removeprefix("inputs:"), kind).Set(getattr(material, field))
     surface.CreateInput("diffuseColor", color).Set(material.diffuse_color)
     for field, kind in TEXTURED_INPUTS.items():
@@ -258,6 +288,14 @@ def _author_material(stage: Usd.Stage, material: Material, folder: Path) -> None
             given = surface.CreateInput(MATERIAL[field].removeprefix("inputs:"), kind)
             given.ConnectToSource(shader.ConnectableAPI(), texture.channel)
     _author_material_fields(prim.GetPrim(), material)
+
+
+def _index_of_refraction(material: Material) -> float:
+    """n of r₀ = ((n − 1)/(n + 1))²: the workflow with metal has no other reflectance."""
+    r0 = material.fresnel_r0
+    if r0 != (r0[0],) * 3 or r0[0] >= 1.0 or material.specular_texture is not None:
+        raise FieldError(material.path, "fresnel_r0", r0, "grey, below 1 and without a texture, where there is metal")
+    return (1.0 + r0[0] ** 0.5) / (1.0 - r0[0] ** 0.5)
 
 
 def _author_material_fields(prim: Usd.Prim, material: Material) -> None:

@@ -1,0 +1,83 @@
+"""Solids from arrays: cells at whose centres the signed distance is not positive.
+
+One that moves pushes air along its surface normal at the speed that follows from the distance φ: u = −φ_t ∇φ / |∇φ|²
+(S. Osher, J. A. Sethian, *Fronts Propagating with Curvature-Dependent Speed*, 1988).
+"""
+
+import numpy as np
+import warp as wp
+
+from warp_smoke.lattice import Lattice
+from warp_smoke.launch import Launcher
+from warp_smoke.record import value_at
+from warp_smoke.scene import ArrayCollider
+
+
+class ArrayWalls:
+    """One collider from an array; offers what `MeshWalls` does.
+
+    Attributes:
+        moves: whether it ever does.
+        lower, shape: all cells of the lattice.
+        fraction: 1 in solid cells, else 0, [nx, ny, nz].
+    """
+
+    def __init__(self, launcher: Launcher, lattice: Lattice, collider: ArrayCollider):
+        """Allocates; `update` fills the cells.
+
+        Args:
+            launcher: where it runs.
+            lattice: cells of the domain.
+            collider: has the distance.
+        """
+        self._lattice, self._collider = lattice, collider
+        self.moves, self.lower, self.shape = collider.moves, (0, 0, 0), lattice.shape
+        self.fraction = launcher.zeros(lattice.shape, "colliders")
+        self._last = None  # distance and its change in a second, of the last update
+
+    def update(self, start: float, end: float, seconds: float) -> bool:
+        """Takes in the distance at `end`; arguments and result as for `LatticeMesh.update`."""
+        if self._last is not None and not self.moves:
+            return False
+        distance = value_at(self._collider.solid, end)
+        change = np.zeros_like(distance)
+        if start != end:
+            change = (distance - value_at(self._collider.solid, start)) / np.float32(seconds)
+        now = distance, change
+        if self._last is not None and all(np.array_equal(a, b) for a, b in zip(now, self._last, strict=True)):
+            return False
+        self._last = now
+        self.fraction.assign((distance <= 0.0).astype(np.float32))
+        return True
+
+    def travel(self, start: float, end: float) -> float:
+        """How far the surface lies from where it was, by the largest change of its distance [cells]."""
+        if not self.moves or start == end:
+            return 0.0
+        was, now = (value_at(self._collider.solid, time) for time in (start, end))
+        return float(np.abs(now - was).max()) / self._lattice.h
+
+    def close(self, shares: tuple[wp.array, wp.array, wp.array]) -> None:
+        """Does nothing: faces are closed where the cells beside them are solid."""
+
+    def push(self, velocity: tuple[wp.array, wp.array, wp.array]) -> None:
+        """Gives the faces beside solid cells the velocity of the surface; arguments as for `MeshWalls.push`."""
+        distance, change = (each.astype(np.float64) for each in self._last)
+        gradient = _gradient(distance, self._lattice.h)
+        square = (gradient**2).sum(axis=0)
+        speed = np.divide(-change, square, out=np.zeros_like(change), where=square > 0.0) * gradient
+        for axis, component in enumerate(velocity):
+            solid, along = np.moveaxis(distance <= 0.0, axis, 0), np.moveaxis(speed[axis], axis, 0)
+            ends = ((1, 1), (0, 0), (0, 0))
+            padded, moves = np.pad(solid, ends), np.pad(along, ends, mode="edge")
+            beside = np.moveaxis(padded[1:] | padded[:-1], 0, axis)
+            pushed = np.moveaxis(0.5 * (moves[1:] + moves[:-1]), 0, axis)
+            component.assign(np.where(beside, pushed, component.numpy()).astype(np.float32))
+
+    def sweep(self, seconds: float, held: wp.array) -> None:
+        """Does nothing: the surface passes over no cell that is not solid before or after."""
+
+
+def _gradient(a: np.ndarray, h: float) -> np.ndarray:
+    """∇a at cell centres, [3, nx, ny, nz]; 0 along an axis of one cell."""
+    return np.stack([np.gradient(a, h, axis=axis) if a.shape[axis] > 1 else np.zeros_like(a) for axis in range(3)])

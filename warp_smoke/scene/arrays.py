@@ -1,0 +1,112 @@
+"""Emitters and colliders that a script gives as arrays over the cells of a domain, in place of meshes.
+
+Such arrays cover the whole domain, sample [i, j, k] at the centre of cell (i, j, k); see `Lattice` for where that is.
+They are no part of a stage: a scene that has some cannot be saved.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from warp_smoke.record import FieldError, Record, Samples, at_least, each_value, read_only, switch
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ArrayEmitter(Record):
+    """Makes smoke as arrays say, cell by cell.
+
+    NumPy arrays are copied. Warp arrays, contiguous float32 ones on the simulation's device, are used in place: what a
+    script writes into one counts from the next substep on.
+
+    Attributes:
+        path: a name like a prim path, unique among the scene's emitters.
+        domain: path of the domain whose cells the arrays cover; None = every domain.
+        density: [nx, ny, nz], at least 0; None = none is made.
+        temperature: [nx, ny, nz], held where it departs further from ambient than the air; None = that of the air.
+        rate: [1/s], smoke of `density` added each second; None = the density is held; may change.
+        velocity: along the lattice's axes, [nx, ny, nz, 3] [m/s], given to air that is slower that way; None = none.
+        enabled: may change.
+    """
+
+    path: str
+    domain: str | None = None
+    density: object = None
+    temperature: object = None
+    rate: float | Samples | None = None
+    velocity: object = None
+    enabled: bool | Samples = True
+
+    def __post_init__(self):
+        for name, shape in (("density", ()), ("temperature", ()), ("velocity", (3,))):
+            values = getattr(self, name)
+            if values is not None:
+                self._store(name, _cells(self.path, name, values, shape))
+        if isinstance(self.density, np.ndarray) and np.any(self.density < 0):
+            raise FieldError(self.path, "density", self.density.min(), "≥ 0")
+        if self.rate is not None:
+            self._store("rate", at_least(self.path, "rate", self.rate))
+        self._store("enabled", switch(self.path, "enabled", self.enabled))
+
+    @property
+    def fields(self) -> dict[str, object]:
+        """Those of its arrays that are given, by name."""
+        given = {name: getattr(self, name) for name in ("density", "temperature", "velocity")}
+        return {name: values for name, values in given.items() if values is not None}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ArrayCollider(Record):
+    """A solid given by its signed distance, or as a mask of cells; smoke flows around it.
+
+    Cells are solid where the distance at their centre is not positive, so walls must be a cell thick to close.
+
+    Attributes:
+        path: a name like a prim path, unique among the scene's colliders.
+        domain: path of the domain whose cells the array covers; None = every domain.
+        solid: bool [nx, ny, nz], True inside; or signed distance [m], negative inside, float [nx, ny, nz]; Samples of
+            distances [t, nx, ny, nz] for a solid that moves: it pushes air along its surface normal.
+    """
+
+    path: str
+    domain: str | None = None
+    solid: np.ndarray | Samples
+
+    def __post_init__(self):
+        if isinstance(self.solid, Samples):
+            if self.solid.values.dtype == bool:
+                raise FieldError(self.path, "solid", "Samples of masks", "a mask, a signed distance, or Samples of it")
+            values = _cells(self.path, "solid", np.moveaxis(self.solid.values, 0, -1), self.solid.values.shape[:1])
+            self._store("solid", Samples(self.solid.times, np.moveaxis(values, -1, 0)))
+        else:
+            solid = np.asarray(self.solid)
+            distance = np.where(solid, -1.0, 1.0) if solid.dtype == bool else solid
+            self._store("solid", _cells(self.path, "solid", distance, ()))
+
+    @property
+    def moves(self) -> bool:
+        """Whether the distance ever changes."""
+        return isinstance(self.solid, Samples) and bool(np.ptp(self.solid.values, axis=0).any())
+
+
+def check_cells(record: ArrayEmitter | ArrayCollider, shape: tuple[int, int, int]) -> None:
+    """Checks that a record's arrays cover the cells of a domain.
+
+    Raises:
+        FieldError: they are arrays of another shape.
+    """
+    fields = record.fields if isinstance(record, ArrayEmitter) else {"solid": each_value(record.solid)[0]}
+    for name, values in fields.items():
+        if tuple(values.shape[:3]) != shape:
+            raise FieldError(record.path, name, f"an array {list(values.shape)}", f"the domain's cells, {list(shape)}")
+
+
+def _cells(path: str, field: str, values: object, channels: tuple[int, ...]) -> object:
+    """A read-only float32 copy of a NumPy array of finite numbers; arrays of a device stay what they are."""
+    shape, allowed = tuple(getattr(values, "shape", ())), f"an array [nx, ny, nz{', 3' * (channels == (3,))}]"
+    if len(shape) != 3 + len(channels) or shape[3:] != channels:
+        raise FieldError(path, field, f"an array {list(shape)}" if shape else values, allowed)
+    if not isinstance(values, np.ndarray):
+        return values
+    if not np.all(np.isfinite(values)):
+        raise FieldError(path, field, "not finite in some cells", "finite numbers")
+    return read_only(np.array(values, np.float32), np.float32)
