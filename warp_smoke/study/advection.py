@@ -1,0 +1,196 @@
+"""Advection: smoke carried around and back to where it began, so that the start is the exact answer.
+
+A cosine hill is turned once in a plane, and a ball of smoke is torn in space and brought back (R. J. LeVeque, 1996).
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import warp as wp
+
+from warp_smoke.fluid.grid import face_shape
+from warp_smoke.fluid.schemes import ADVECTION_SCHEMES
+from warp_smoke.launch import Launcher
+from warp_smoke.study.answers import cosine_hill, deformation
+from warp_smoke.study.case import Case, Measured, Row, fit_orders, time_steps
+from warp_smoke.study.words import best_at, by_problem, duration, percent
+
+TITLE = "Carrying smoke along: advection schemes"
+MAIN_ERROR = "relative_l2"
+ERROR_MEANS = "relative L2 error of the density"
+
+HILL, TORN, STEPS = "hill, turned once", "ball, torn and brought back", "hill, by length of step"
+# Smoke is carried this many cells in a step, at most.
+_COURANT = 1.0
+_SWEPT = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+# Cells across the hill's plane, which is all alike; two, so that two threads share the work.
+_THICKNESS = 2
+_RADIUS = 0.25
+# The time in which the ball is torn and brought back [s]; the fastest smoke has 2 m/s.
+_PERIOD, _FASTEST = 1.5, 2.0
+_BALL = (0.35, 0.35, 0.35)
+
+# Orders that the literature has for smooth smoke, and how far from them a slope over these grids may be: limiters cost
+# MacCormack some of its order at the hill's top, and the first-order scheme smears the hill more than its error can
+# grow.
+_LEAST_ORDER = {"semi_lagrangian": 0.4, "semi_lagrangian_cubic": 1.7, "maccormack": 1.5, "bfecc": 1.7}
+# What float32 may add to the range of a start between 0 and 1.
+_ROUND_OFF = 1e-6
+
+
+def cases(full: bool) -> list[Case]:
+    """Every scheme on each problem."""
+    planes, cubes = ((32, 64, 128, 256), (32, 64, 128)) if full else ((32, 64, 128), (32, 48, 64))
+    swept = 128 if full else 64
+    made = []
+    for scheme in ADVECTION_SCHEMES:
+        made += [turning_case(scheme, n, _COURANT, HILL) for n in planes]
+        made += [_torn_case(scheme, n) for n in cubes]
+        made += [turning_case(scheme, swept, courant, STEPS) for courant in _SWEPT]
+    return made
+
+
+def turning_case(scheme: str, n: int, courant: float, problem: str, schemes: dict = ADVECTION_SCHEMES) -> Case:
+    """The cosine hill at (½, ¾) of a unit square of n × n cells, turned once about the middle.
+
+    Args:
+        scheme: name of the scheme.
+        n: cells along the square's side.
+        courant: cells that the middle of a side is carried in a step.
+        problem: name of the problem.
+        schemes: what the name stands for.
+    """
+    steps = round(np.pi * n / courant)
+
+    def measure(launcher: Launcher, repeats: int) -> Measured:
+        x = (np.arange(n) + 0.5) / n
+        hill = cosine_hill(np.hypot(x[:, None] - 0.5, x[None, :] - 0.75), _RADIUS)
+        start = np.repeat(hill[None].astype(np.float32), _THICKNESS, axis=0)
+        velocity = _sample_velocity(launcher, start.shape, lambda x, y, z: (0.0, 0.5 - z, y - 0.5))
+        lengths = [2 * np.pi * n / steps] * steps
+        return _carry(launcher, schemes[scheme], start, ("open",) * 6, velocity, lengths, repeats)
+
+    return Case("advection", problem, scheme, {"courant": courant}, n, 2 * np.pi / steps, measure)
+
+
+def _torn_case(scheme: str, n: int) -> Case:
+    """A round cosine hill in a unit cube of n³ cells that LeVeque's flow tears and brings back."""
+    steps = round(_PERIOD * _FASTEST * n / _COURANT)
+    dt = _PERIOD / steps
+
+    def measure(launcher: Launcher, repeats: int) -> Measured:
+        x = [(np.indices((n, n, n))[axis] + 0.5) / n - _BALL[axis] for axis in range(3)]
+        start = cosine_hill(np.sqrt(sum(each**2 for each in x)), _RADIUS).astype(np.float32)
+        velocity = _sample_velocity(launcher, start.shape, deformation)
+        lengths = [dt * n * np.cos(np.pi * (step + 0.5) / steps) for step in range(steps)]
+        return _carry(launcher, ADVECTION_SCHEMES[scheme], start, ("closed",) * 6, velocity, lengths, repeats)
+
+    return Case("advection", TORN, scheme, {"courant": _COURANT}, n, dt, measure)
+
+
+def _sample_velocity(launcher: Launcher, shape: tuple[int, int, int], flow: Callable) -> tuple[wp.array, ...]:
+    """u, v and w of a flow on the faces of a box whose longest side is 1."""
+    components = []
+    for axis in range(3):
+        points = np.indices(face_shape(shape, axis)) + 0.5
+        points[axis] -= 0.5
+        component = np.broadcast_to(flow(*(points / max(shape)))[axis], points.shape[1:])
+        components.append(launcher.array(np.ascontiguousarray(component, np.float32), "velocity"))
+    return tuple(components)
+
+
+def _carry(
+    launcher: Launcher,
+    scheme: type,
+    start: np.ndarray,
+    sides: tuple[str, ...],
+    velocity: tuple,
+    lengths: list[float],
+    repeats: int,
+) -> Measured:
+    """Carries a density along a flow that ends where it began.
+
+    Args:
+        launcher: where it runs.
+        scheme: class of the scheme.
+        start: the density.
+        sides: open or closed for each of -x +x -y +y -z +z.
+        velocity: u, v, w [m/s].
+        lengths: dt / h of each step [s/m].
+        repeats: times that are taken.
+    """
+    advection = scheme(launcher, start.shape, sides)
+    density = launcher.array(start, "density")
+
+    def step(number: int) -> None:
+        nonlocal density
+        advection.trace(velocity, lengths[number])
+        density = advection.advect_scalar(density, 0.0)
+
+    step(0)  # warms up
+    density.assign(start)
+    seconds = time_steps(launcher, step, len(lengths), repeats)
+    return Measured(density_errors(density.numpy(), start), seconds, start.size, len(lengths))
+
+
+def density_errors(found: np.ndarray, exact: np.ndarray) -> dict[str, float]:
+    """Norms of the difference, each of a cell's mean but for linf; drift of the mass, and the range that is left."""
+    found, exact = found.astype(float), exact.astype(float)
+    difference = found - exact
+    return {
+        "l1": float(np.abs(difference).mean()),
+        "l2": float(np.sqrt((difference**2).mean())),
+        "linf": float(np.abs(difference).max()),
+        "relative_l2": float(np.linalg.norm(difference) / np.linalg.norm(exact)),
+        "mass_drift": float(found.sum() / exact.sum() - 1.0),
+        "least": float(found.min()),
+        "most": float(found.max()),
+    }
+
+
+def order(rows: Sequence[Row]) -> dict[tuple[str, str], float]:
+    """Slopes of the error over the cells' size."""
+    return fit_orders(rows, MAIN_ERROR)
+
+
+def unexpected(rows: Sequence[Row]) -> list[str]:
+    """Schemes that do not reach their order on the hill, or that leave the range of the start."""
+    lines = []
+    for (problem, method), slope in order(rows).items():
+        least = _LEAST_ORDER.get(method)
+        if problem == HILL and least is not None and slope < least:
+            lines.append(f"{problem}: {method} has order {slope:.2f}; expected at least {least:g}")
+    for row in rows:
+        if row.failure is None and row.method in _LEAST_ORDER:
+            least, most = row.errors["least"], row.errors["most"]
+            if least < -_ROUND_OFF or most > 1 + _ROUND_OFF:
+                found = f"{row.method} at {row.resolution} gives {least:.3g} to {most:.3g}"
+                lines.append(f"{row.problem}: {found}; expected within 0 to 1")
+    return lines
+
+
+def explain(rows: Sequence[Row]) -> str:
+    """How to read the diagram, and which scheme reaches an error first."""
+    read = (
+        "Each line is a scheme on finer and finer grids, or with longer and longer steps in the panel that says so: "
+        "the lower and the further left, the better."
+    )
+    problems = by_problem(rows)
+    slopes = {method: slope for (problem, method), slope in order(rows).items() if problem == HILL}
+    if len(slopes) < 2:
+        return read
+    steep, flat = max(slopes, key=slopes.get), min(slopes, key=slopes.get)
+    target, fastest, times = best_at(problems[HILL], MAIN_ERROR)
+    says = (
+        f"Here half the cell divides the error of {steep} by {2 ** slopes[steep]:.1f} and that of {flat} by "
+        f"{2 ** slopes[flat]:.1f}; {fastest} is the first to reach {percent(target)} ({duration(times[fastest])})"
+    )
+    swept = [row for row in problems.get(STEPS, []) if row.method == flat]
+    if len(swept) > 1:
+        short, long = (pick(swept, key=lambda row: row.parameters["courant"]) for pick in (min, max))
+        says += (
+            f", and a Courant number of {short.parameters['courant']:g} instead of {long.parameters['courant']:g} "
+            f"changes the error of {flat} from {percent(long.errors[MAIN_ERROR])} to "
+            f"{percent(short.errors[MAIN_ERROR])} in {short.median / long.median:.0f} times the time"
+        )
+    return f"{read} {says}."

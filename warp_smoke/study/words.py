@@ -1,0 +1,65 @@
+"""Figures in words, for the sentences above the diagrams."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from warp_smoke.study.case import Row
+
+
+def by_problem(rows: Iterable[Row]) -> dict[str, list[Row]]:
+    """The rows without failures, by problem."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.failure is None:
+            found.setdefault(row.problem, []).append(row)
+    return found
+
+
+def by_method(rows: Iterable[Row]) -> dict[str, list[Row]]:
+    """The rows by method."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row.method, []).append(row)
+    return found
+
+
+def best_at(rows: Sequence[Row], error: str) -> tuple[float, str, dict[str, float]]:
+    """Which method of a problem is the fastest at an error that most of them reach.
+
+    Times between two points of a line are interpolated on the diagram's logarithmic axes.
+
+    Returns:
+        The error (the median of the methods' least errors), the fastest method, and the time of each method that
+        reaches it [s].
+    """
+    lines = {method: _descending(points, error) for method, points in by_method(rows).items()}
+    target = float(np.median([line[-1][0] for line in lines.values()]))
+    times = {}
+    for method, line in lines.items():
+        if line[-1][0] <= target:
+            errors, seconds = np.log([point[0] for point in line][::-1]), np.log([point[1] for point in line][::-1])
+            times[method] = float(np.exp(np.interp(np.log(target), errors, seconds)))
+    return target, min(times, key=times.get), times
+
+
+def _descending(points: Sequence[Row], error: str) -> list[tuple[float, float]]:
+    """Error and time of the points of a line that beat all faster ones of it."""
+    kept: list[tuple[float, float]] = []
+    for row in sorted(points, key=lambda row: row.median):
+        if not kept or row.errors[error] < kept[-1][0]:
+            kept.append((row.errors[error], row.median))
+    return kept
+
+
+def percent(share: float) -> str:
+    """A share in two digits, in percent where that reads well."""
+    return f"{100 * share:.2g} %" if share >= 1e-4 else f"{share:.1e}"
+
+
+def duration(seconds: float) -> str:
+    """A time in two to three digits."""
+    for unit, factor in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if seconds >= factor:
+            return f"{seconds / factor:.3g} {unit}"
+    return f"{seconds * 1e9:.3g} ns"
