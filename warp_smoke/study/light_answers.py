@@ -94,3 +94,23 @@ def blinn_phong(
 def blinn_phong_albedo(exponent: float) -> float:
     """Share of light of normal incidence that (m + 8)/8 (n·h)ᵐ reflects: (m + 8)(m + 2^(−m/2))/((m + 2)(m + 4))."""
     return (exponent + 8.0) * (exponent + 2.0 ** (-exponent / 2.0)) / ((exponent + 2.0) * (exponent + 4.0))
+
+
+def edge_penumbra(points: np.ndarray, light: np.ndarray, radius: float, height: float) -> np.ndarray:
+    """Share of a spherical light that points on y = 0 see past a half plane x < 0 at some height, [n].
+
+    The plane through the point and the edge passes the light's middle at an angle φ, and the light is seen as a disk
+    of angular radius α: the cut is at tan φ / tan α of the disk.
+
+    Args:
+        points: [n, 3], y = 0.
+        light: its middle, with x = 0, [3].
+        radius: of the light.
+        height: of the half plane.
+    """
+    x = points[:, 0]
+    normal = np.stack([np.full_like(x, height), x, np.zeros_like(x)], axis=1)
+    toward = light - points
+    distance = np.linalg.norm(toward, axis=1)
+    sine = np.sum(normal * toward, axis=1) / (np.linalg.norm(normal, axis=1) * distance)
+    return disk_share(-np.tan(np.arcsin(sine)) / np.tan(np.arcsin(radius / distance)))
