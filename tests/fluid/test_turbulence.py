@@ -22,9 +22,10 @@ def _force(launcher, n=32, voxel_size=1 / 32, scale=0.25, strength=2.0, time=0.3
     return [component.numpy().astype(float) for component in velocity]
 
 
-def test_free_of_divergence(launcher):
+@pytest.mark.parametrize("scale", [0.25, 1e-6], ids=["eddies", "smaller than cells"])
+def test_free_of_divergence(launcher, scale):
     """In every cell what goes in comes out, to round-off."""
-    u, v, w = _force(launcher)
+    u, v, w = _force(launcher, scale=scale)
     divergence = np.diff(u, axis=0) + np.diff(v, axis=1) + np.diff(w, axis=2)
     assert np.abs(divergence).max() < 1e-5 * np.abs(u).max()
 
