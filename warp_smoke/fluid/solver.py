@@ -4,13 +4,12 @@ J. Stam, *Stable Fluids*, 1999; R. Fedkiw, J. Stam, H. W. Jensen, *Visual Simula
 forces, diffuses the velocity and projects it, carries all fields along it, and diffuses and dissipates the smoke.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from math import ceil, inf, isfinite, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
-import warp as wp
 
 from warp_smoke.fluid.active_box import FAST, fit_boxes, hull
 from warp_smoke.fluid.advection import limit_energy
@@ -18,8 +17,9 @@ from warp_smoke.fluid.array_source import ArraySource
 from warp_smoke.fluid.colliders import Solids
 from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffusion_number
 from warp_smoke.fluid.dissipation import decay
-from warp_smoke.fluid.emitters import Source
+from warp_smoke.fluid.emitters import Interval, Source
 from warp_smoke.fluid.forces import Buoyancy
+from warp_smoke.fluid.guard import NotFiniteError
 from warp_smoke.fluid.measures import Measures
 from warp_smoke.fluid.operators import (
     close_sides,
@@ -47,6 +47,12 @@ if TYPE_CHECKING:
 _MAX_STEPS = 1000
 # A Courant number that exceeds the limit by round-off is not worth another step.
 _ROUND_OFF = 1e-5
+# Passes that write velocity before the pressure, and scalars after that, in their order.
+_FORCES = ("emit_velocity", "confine_vorticity", "add_buoyancy", "stir_air", "on_substep", "diffuse_velocity")
+_LAST = {
+    "density": ("emit_density", "advect_density", "diffuse_density", "dissipate_density"),
+    "temperature": ("emit_temperature", "advect_temperature", "cool_temperature"),
+}
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,7 @@ class SmokeSolver:
         self._launcher, self._timings, self._passes = launcher, timings, frozenset(plan.passes)
         self._domain, self._lattice = plan.domain, plan.lattice
         self.on_substep: Callable[[SmokeSolver, float, float], None] | None = None
+        self._last_step = (0.0, 0.0, 0.0)  # time codes and seconds
         shape, sides = plan.lattice.shape, plan.lattice.sides
         self._sources = [
             (ArraySource if isinstance(each, ArrayEmitter) else Source)(launcher, plan.lattice, each)
@@ -134,6 +141,7 @@ class SmokeSolver:
         Args:
             time: time code.
         """
+        self._last_step = (time, time, 0.0)
         self._place_colliders(time, time, 0.0)
         if self._wind:
             with self._timings.measure("blow_wind"):
@@ -154,12 +162,14 @@ class SmokeSolver:
             seconds: of smoke between them [s].
 
         Raises:
-            FloatingPointError: a field is not finite.
+            NotFiniteError: a field is not finite.
         """
+        self._last_step = (start, end, seconds)
+        self._check_scalars(f"frame {start:g}")
         if not self._flows:
             return self.step(start, end, seconds)
         reports, left = [], 0
-        speed, _ = self._motion("advect_velocity")
+        speed, _ = self._motion(f"frame {start:g}")
         while left != 1:
             if self.solids:  # a wall must not jump far, though the air may still be at rest
                 speed = max(speed, self.solids.max_speed(start, end, seconds))
@@ -176,6 +186,36 @@ class SmokeSolver:
             diffusion=max(report.diffusion for report in reports),
         )
 
+    def save(self) -> dict[str, np.ndarray]:
+        """Copies all that later steps depend on to the host, by name; `load` takes it back."""
+        state = self.state
+        fields = {f"velocity {axis}": each for axis, each in zip("xyz", state.velocity or (), strict=False)}
+        fields |= {"density": state.density, "temperature": state.temperature, "pressure": state.pressure}
+        saved = {name: field.numpy().copy() for name, field in fields.items() if field is not None}
+        return saved | {"energy_lost": np.array(state.energy_lost), "last_step": np.array(self._last_step)}
+
+    def load(self, saved: Mapping[str, np.ndarray], first: float) -> None:
+        """Goes on from what `save` gave; steps are then the same to the bit as if nothing had been in between.
+
+        Args:
+            saved: by a solver of the same plan.
+            first: time code of the first frame. Meshes are placed there before: which triangle a query finds among
+                several at one distance follows from the shape that the hierarchy was given at first.
+        """
+        start, end, seconds = self._last_step = tuple(saved["last_step"].tolist())
+        for interval in ((first, first, 0.0), (start, start, 0.0), (start, end, seconds)):
+            self._place_colliders(*interval)
+        for source in self._sources:
+            source.place(Interval(first, first, 0.0))
+        state = self.state
+        if state.velocity is not None:
+            for axis, component in zip("xyz", state.velocity, strict=True):
+                component.assign(saved[f"velocity {axis}"])
+        for name in ("density", "temperature", "pressure"):
+            if (field := getattr(state, name)) is not None:
+                field.assign(saved[name])
+        state.energy_lost = float(saved["energy_lost"])
+
     def step(self, start: float, end: float, dt: float) -> StepReport:
         """Advances the smoke in one step; only advection is split, if the Courant number is above the limit.
 
@@ -185,9 +225,10 @@ class SmokeSolver:
             dt: seconds of smoke between them [s].
 
         Raises:
-            FloatingPointError: a field is not finite.
+            NotFiniteError: a field is not finite.
         """
         report = StepReport()
+        self._last_step = (start, end, dt)
         self._place_colliders(start, end, dt)
         self._emit(start, end, dt)
         confinement = self._confine_vorticity(dt)  # before buoyancy moves faces of solids: its cap counts them
@@ -203,16 +244,15 @@ class SmokeSolver:
             report = StepReport(1, courant, speed, [pressure], confinement, diffusion)
         diffusion = self._diffuse_density(dt)
         self._dissipate(dt)
+        self._check_scalars()
         return replace(report, diffusion=max(report.diffusion, diffusion))
 
     def _count_steps(self, seconds: float, speed: float) -> int:
         """Steps that keep (max|u| + a dt) dt within the limit, a the largest acceleration by forces."""
-        domain, state, acceleration = self._domain, self.state, 0.0
-        with self._timings.measure("measure_motion"):
-            density = self._departure("density", state.density, 0.0)
-            temperature = self._departure("temperature", state.temperature, domain.ambient_temperature)
+        domain, acceleration = self._domain, 0.0
         if self._has("add_buoyancy"):
-            acceleration = abs(domain.buoyancy_density) * density + abs(domain.buoyancy_temperature) * temperature
+            acceleration = abs(domain.buoyancy_density) * self._departures["density"]
+            acceleration += abs(domain.buoyancy_temperature) * self._departures["temperature"]
         reach = domain.max_courant * self._lattice.h  # how far smoke may go in a step [m]
         if self._turbulence:
             acceleration += PEAK * domain.turbulence
@@ -224,15 +264,42 @@ class SmokeSolver:
         with self._timings.measure("measure_motion"):
             speed, energy = self._measures.motion(self.state.velocity)
         if not isfinite(energy):
-            raise FloatingPointError(f"{self._domain.path}: velocity is not finite after {name}")
+            self._refuse_velocity(name)
         return speed, energy
 
-    def _departure(self, field: str, scalar: wp.array | None, ambient: float) -> float:
-        """Largest departure from ambient; 0 for a field that no pass needs."""
-        departure = 0.0 if scalar is None else self._measures.departure(scalar, ambient)
-        if not isfinite(departure):
-            raise FloatingPointError(f"{self._domain.path}: {field} is not finite after advect_{field}")
-        return departure
+    def _check_scalars(self, after: str | None = None) -> None:
+        """Measures how far density and temperature depart from ambient at most.
+
+        Args:
+            after: what wrote them; the last pass that does unless given.
+
+        Raises:
+            NotFiniteError: one of them is not finite.
+        """
+        self._departures = {"density": 0.0, "temperature": 0.0}
+        for name, ambient in (("density", 0.0), ("temperature", self._domain.ambient_temperature)):
+            scalar = getattr(self.state, name)
+            if scalar is None:
+                continue
+            with self._timings.measure("measure_motion"):
+                departure = self._measures.departure(scalar, ambient) if self._flows else np.abs(scalar.numpy()).max()
+            if not isfinite(departure):
+                last = [each for each in _LAST[name] if self._has(each)][-1]
+                raise NotFiniteError(self._domain.path, name, [scalar], self._frame, after or last)
+            self._departures[name] = float(departure)
+
+    def _refuse_velocity(self, after: str) -> None:
+        """Says where velocity is not finite. The pressure spreads that; the divergence shows where it was before."""
+        fields = self.state.velocity
+        if after == "project_pressure" and not np.isfinite(self._divergence.numpy()).all():
+            acting = [each for each in _FORCES if self._has(each) or (each == "on_substep" and self.on_substep)]
+            fields, after = [self._divergence], acting[-1] if acting else "advect_velocity"
+        raise NotFiniteError(self._domain.path, "velocity", fields, self._frame, after)
+
+    @property
+    def _frame(self) -> int:
+        """The frame that is made."""
+        return ceil(self._last_step[1] - _ROUND_OFF)
 
     def _place_colliders(self, start: float, end: float, dt: float) -> None:
         if self.solids:
