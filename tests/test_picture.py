@@ -228,3 +228,38 @@ def test_no_camera():
     """Without a camera there is no picture."""
     with pytest.raises(ValueError, match="camera is None; allowed: a UsdGeomCamera"):
         render_picture(ws.Scene(), 1.0)
+
+
+def test_faces_of_a_picture_have_their_own_materials():
+    """Left and right half of a floor are seen in the colours of their subset and of their surface."""
+    mesh = Mesh.grid((-3, 0, 3), (6, 0, 0), (0, 0, -6), 2)
+    red, blue = (ws.Material(path=f"/{n}", diffuse_color=c) for n, c in (("R", (1, 0, 0)), ("B", (0, 0, 1))))
+    subset = ws.MaterialSubset(path="/Floor/Left", triangles=[0, 1, 2, 3], material=red)
+    surface = ws.Surface(path="/Floor", mesh=mesh, material=blue, subsets=[subset])
+    scene = ws.Scene(surfaces=[surface], camera=looking_down(), ambient=(1, 1, 1))
+    for shading in ("pixel", "vertex"):
+        seen = render_picture(scene, 1.0, size=(SIZE, SIZE), shading=shading)
+        assert np.all(seen[:, : SIZE // 2] == [255, 0, 0])
+        assert np.all(seen[:, SIZE // 2 :] == [0, 0, 255])
+
+
+def test_holes_are_seen_through(tmp_path):
+    """Through two layers of a fence whose opacity is cut off, the floor is seen where the picture is below it."""
+    codes = np.where(np.arange(8) % 2, 200, 100).astype(np.uint8)
+    Image.fromarray(np.broadcast_to(codes, (2, 8))).save(tmp_path / "fence.png")
+    texture = ws.Texture(file=str(tmp_path / "fence.png"), channel="r", uv_translation=(0.0, 0.5))
+    # Nearest texels are wanted: a threshold between the two codes falls in the middle between two texels' centres.
+    fence = ws.Material(path="/Fence", diffuse_color=(1, 0, 0), opacity_texture=texture, opacity_threshold=150 / 255)
+    floor_of = Mesh.grid((-3, 0, 3), (6, 0, 0), (0, 0, -6))
+    surfaces = [ws.Surface(path="/Floor", mesh=floor_of, material=ws.Material(path="/B", diffuse_color=(0, 0, 1)))]
+    # Each as large as it is seen to be, one above the other.
+    for height in (1.0, 2.0):
+        half = 3 * (8 - height) / 8
+        mesh = Mesh.grid((-half, height, half), (2 * half, 0, 0), (0, 0, -2 * half))
+        surfaces.append(ws.Surface(path=f"/Fence{height:g}", mesh=mesh, material=fence))
+    scene = ws.Scene(surfaces=surfaces, camera=looking_down(), ambient=(1, 1, 1))
+    seen = render_picture(scene, 1.0, size=(SIZE, SIZE))
+    # Eight bands, of eight pixels each; the pixels beside a border are left out.
+    for band in range(8):
+        expected = [255, 0, 0] if band % 2 else [0, 0, 255]
+        assert np.all(seen[:, 8 * band + 1 : 8 * band + 7] == expected)

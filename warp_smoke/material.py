@@ -101,7 +101,7 @@ class Material(Record):
         diffuse_color, diffuse_texture: the texture, where there is one, stands in for the colour.
         procedural: a computed picture, which stands in for both.
         fresnel_r0, specular_texture: reflectance at normal incidence, of what is not metal.
-        metallic, metallic_texture: share of metal, 0 to 1: it reflects the diffuse colour as a mirror and is black else.
+        metallic, metallic_texture: share of metal, 0 to 1, which reflects the diffuse colour as a mirror alone.
         roughness, roughness_texture: 0 to 1; the Blinn-Phong exponent is 256 (1 − roughness). Gloss is 1 − roughness.
         gloss: what the roughness texture does: it sets the exponent (`exponent`), or its gloss multiplies the
             highlight, whose exponent is from `roughness` (`factor`).

@@ -172,7 +172,7 @@ class PictureRenderer:
         """One sample of each pixel: the light of the surfaces that its ray meets."""
         launcher, count = self._launcher, self._count
         mesh = self._casters[None].mesh.id
-        cast_rays(launcher, count, mesh, self._view, x, y, self._table, self._points, self._hits)
+        cast_rays(launcher, count, mesh, self._looks, self._view, x, y, self._table, self._points, self._hits)
         ambient = wp.vec3(*self._scene.ambient)
         if corners is None:
             look_up_detail(launcher, count, self._looks, self._points, self._eye, ambient, self._detail)

@@ -7,7 +7,7 @@ from PIL import Image
 from warp_smoke.geometry import Mesh, normalized
 from warp_smoke.launch import Launcher
 from warp_smoke.record import Samples
-from warp_smoke.scene import Camera, DistantLight, Material, PointLight, Receiver, Surface, Texture
+from warp_smoke.scene import Camera, DistantLight, Material, MaterialSubset, PointLight, Receiver, Surface, Texture
 from warp_smoke.shading.bake import ReceiverBake
 from warp_smoke.shading.texels import TexelMap
 from warp_smoke.shading.vertices import VertexMap
@@ -247,6 +247,28 @@ def test_texture(launcher, tmp_path):
     bake = ReceiverBake(launcher, floor(material=material), [], ORIGIN, bakes=["lit"], ambient=(1, 1, 1))
     bake.update(1.0)
     np.testing.assert_array_equal(bake.picture("lit"), codes)
+
+
+def test_faces_have_their_own_materials(launcher):
+    """Each texel shows the material of its triangle; faces in no subset show the surface's own."""
+    mesh = Mesh.grid((-2, 0, 2), (4, 0, 0), (0, 0, -4), 2)  # triangles 0…3 are u < ½
+    red, blue = (Material(path=f"/{n}", diffuse_color=c) for n, c in (("R", (1, 0, 0)), ("B", (0, 0, 1))))
+    subset = MaterialSubset(path="/Floor/Left", triangles=[0, 1, 2, 3], material=red)
+    surface = floor(mesh=mesh, material=blue, subsets=[subset])
+    bake = ReceiverBake(launcher, surface, [], ORIGIN, bakes=["lit"], ambient=(1, 1, 1))
+    bake.update(1.0)
+    picture = bake.picture("lit")
+    np.testing.assert_array_equal(picture[:, : SIZE // 2], np.broadcast_to([255, 0, 0], (SIZE, SIZE // 2, 3)))
+    np.testing.assert_array_equal(picture[:, SIZE // 2 :], np.broadcast_to([0, 0, 255], (SIZE, SIZE // 2, 3)))
+
+
+def test_opacity_is_the_alpha_of_what_is_lit(launcher):
+    """A see-through material makes lit RGBA; the other bakes stay as they are."""
+    surface = floor(material=Material(diffuse_color=(1, 1, 1), opacity=0.4))
+    bake = ReceiverBake(launcher, surface, [], ORIGIN, bakes=["lit", "irradiance"], ambient=(1, 1, 1))
+    bake.update(1.0)
+    np.testing.assert_array_equal(bake.picture("lit"), np.broadcast_to([255, 255, 255, 102], (SIZE, SIZE, 4)))
+    assert bake.picture("irradiance").shape == (SIZE, SIZE, 3)
 
 
 PLAIN = Mesh.grid((-2, 0, 2), (4, 0, 0), (0, 0, -4), 4)

@@ -50,13 +50,13 @@ def on_floor(launcher, uvs):
     return points_at(launcher, positions, np.tile([0, 1, 0], (len(uvs), 1)), np.tile([1, 0, 0, 1], (len(uvs), 1)), uvs)
 
 
-def detail_of(launcher, material, points, eye=None):
+def detail_of(launcher, material, points, eye=None, ambient=(0.0, 0.0, 0.0)):
     """The points' detail, seen from an eye."""
     count = len(points.positions)
     looks = make_looks(launcher, [material])
     detail = allocate_detail(launcher, count, "test", [material])
     eye = wp.vec4(0.0, 0.0, 0.0, 0.0) if eye is None else wp.vec4(*map(float, eye), 1.0)
-    look_up_detail(launcher, count, looks, points, eye, wp.vec3(0.0), detail)
+    look_up_detail(launcher, count, looks, points, eye, wp.vec3(*ambient), detail)
     return looks, detail
 
 
@@ -177,6 +177,41 @@ def test_classic_exponent(launcher):
     """The classic model's exponent is 64, whatever the roughness."""
     _, detail = detail_of(launcher, Material(reflection="classic", roughness=0.1), on_floor(launcher, (0, 0)))
     np.testing.assert_array_equal(detail.gloss.numpy()[0], [1, 64])
+
+
+def test_metal_reflects_its_base_colour_as_a_mirror(launcher, tmp_path):
+    """With a share of metal k from a texture: m_d = (1 − k) c and r₀ = (1 − k) r₀ + k c; with k = 1 none is matte."""
+    texture = Texture(file=save(tmp_path / "m.png", [[51, 255]]), channel="r", **RAW)
+    base = np.array([0.8, 0.4, 0.2])
+    material = Material(diffuse_color=tuple(base), fresnel_r0=(0.04, 0.04, 0.04), metallic_texture=texture)
+    _, detail = detail_of(launcher, material, on_floor(launcher, [(0.25, 0.5), (0.75, 0.5)]))
+    np.testing.assert_allclose(detail.diffuse.numpy(), [0.8 * base, 0 * base], atol=1e-6)
+    np.testing.assert_allclose(detail.r0.numpy(), [0.8 * 0.04 + 0.2 * base, base], atol=1e-6)
+
+
+def test_specular_texture(launcher, tmp_path):
+    """Reflectance comes from the picture, whose colours are sRGB as those of all colours: code 188 is 0.5029."""
+    texture = Texture(file=save(tmp_path / "s.png", [[[188, 0, 255]]]), wrap_s="clamp", wrap_t="clamp")
+    _, detail = detail_of(launcher, Material(specular_texture=texture), on_floor(launcher, (0.5, 0.5)))
+    np.testing.assert_allclose(detail.r0.numpy(), [[0.5029, 0, 1]], atol=1e-4)
+
+
+def test_light_without_lights(launcher, tmp_path):
+    """Without a light: emissive + occlusion · ambient ⊗ m_d, each from its texture."""
+    glow = Texture(file=save(tmp_path / "e.png", [[[51, 102, 0]]]), **RAW)
+    hidden = Texture(file=save(tmp_path / "o.png", [[[0, 204, 0]]]), channel="g", **RAW)
+    material = Material(diffuse_color=(0.5, 0.5, 1.0), emissive_texture=glow, occlusion_texture=hidden)
+    _, detail = detail_of(launcher, material, on_floor(launcher, (0.5, 0.5)), ambient=(0.1, 0.2, 0.3))
+    np.testing.assert_allclose(detail.unlit.numpy(), [[0.2 + 0.04, 0.4 + 0.08, 0.24]], atol=1e-6)
+
+
+@pytest.mark.parametrize(("threshold", "expected"), [(0.0, [0.2, 0.8]), (0.5, [0, 1]), (0.9, [0, 0])])
+def test_opacity(launcher, tmp_path, threshold, expected):
+    """Opacity is the texture's number, or 0 and 1 below and from the threshold on."""
+    texture = Texture(file=save(tmp_path / "a.png", [[51, 204]]), channel="r", **RAW)
+    material = Material(opacity_texture=texture, opacity_threshold=threshold)
+    _, detail = detail_of(launcher, material, on_floor(launcher, [(0.25, 0.5), (0.75, 0.5)]))
+    np.testing.assert_allclose(detail.opacity.numpy(), expected, atol=1e-6)
 
 
 @wp.kernel

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -29,6 +31,7 @@ from warp_smoke.scene import (
     DistantLight,
     Emitter,
     Material,
+    MaterialSubset,
     PointLight,
     Procedural,
     Receiver,
@@ -417,3 +420,34 @@ def test_scenes_that_no_stage_can_hold(folder, scene, line):
         scene.save(folder / "refused.usda")
     assert str(error.value) == line
     assert not (folder / "refused.usda").exists()
+
+
+def test_materials_of_faces_and_metal_come_back(folder):
+    """Face subsets with their materials, metal, opacity and textures of every kind are as they were."""
+    Image.new("RGB", (2, 2)).save(folder / "picture.png")
+    data = {"file": str(folder / "picture.png"), "color_space": "raw", "channel": "g"}
+    metal = Material(
+        path="/World/Metal",
+        fresnel_r0=(0.04, 0.04, 0.04),
+        metallic=0.5,
+        occlusion=0.75,
+        metallic_texture=Texture(**data),
+        occlusion_texture=Texture(**data),
+        emissive_texture=Texture(file=data["file"]),
+    )
+    glass = Material(
+        path="/World/Glass", opacity=0.5, opacity_threshold=0.25, specular_texture=Texture(file=data["file"])
+    )
+    subset = MaterialSubset(path="/World/A/Top", triangles=[2, 3], material=metal)
+    scene = Scene(surfaces=[Surface(path="/World/A", mesh=Mesh.box(), material=glass, subsets=[subset])])
+    scene.save(folder / "faces.usda")
+    assert Scene.open(folder / "faces.usda").surfaces == scene.surfaces
+    with pytest.raises(ValueError, match=r"^/World/Metal: fresnel_r0 is .*allowed: grey"):
+        replace_material(scene, replace(metal, fresnel_r0=(0.1, 0.2, 0.3))).save(folder / "refused.usda")
+
+
+def replace_material(scene, material):
+    """The scene with another material on its first subset."""
+    (surface,) = scene.surfaces
+    (subset,) = surface.subsets
+    return replace(scene, surfaces=[replace(surface, subsets=[replace(subset, material=material)])])

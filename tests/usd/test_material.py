@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -202,3 +204,18 @@ def test_other_bakes_at_points(tmp_path, set_stage, bake, primvar, kind):
     found = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath(FLOOR)).GetPrimvar(primvar)
     assert str(found.GetTypeName()) == kind
     assert np.array_equal(found.Get(), values)
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.3])
+def test_the_baked_look_keeps_opacity(tmp_path, set_stage, threshold):
+    """Opacity comes from the picture's alpha; where it is cut off, the alpha's 0 and 1 are."""
+    scene = ws.Scene.open(set_stage)
+    (floor,) = (surface for surface in scene.surfaces if surface.path == FLOOR)
+    material = replace(floor.material, opacity=0.5, opacity_threshold=threshold)
+    floor = replace(floor, material=material)
+    bake = BakeResult(surface=floor, bake="lit", files="./textures/Floor.lit.png")
+    stage = Usd.Stage.Open(str(write_results(tmp_path / "out", "set", scene, bakes=[bake])))
+    surface, _, _ = UsdShade.Material.Get(stage, BAKED).ComputeSurfaceSource()
+    source = surface.GetInput("opacity").GetConnectedSources()[0][0]
+    assert source.sourceName == "a"
+    assert surface.GetInput("opacityThreshold").Get() == (0.5 if threshold else None)

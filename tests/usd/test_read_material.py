@@ -101,6 +101,48 @@ def test_metals_reflect_their_color(tmp_path):
     assert (half.diffuse_color, half.fresnel_r0) == ((0.4, 0.2, 0.1), (0.42, 0.22, 0.12))
 
 
+@pytest.mark.usefixtures("picture")
+def test_metal_stays_apart_where_something_is_a_picture(tmp_path):
+    """With a texture on diffuseColor, metallic cannot be mixed into the colours, and is kept."""
+    parts = texture("asset inputs:file = @./picture.png@")
+    material, warnings = material_of(tmp_path, "float inputs:metallic = 0.75\n" + parts[0], parts[1])
+    assert warnings == ()
+    assert (material.metallic, material.fresnel_r0) == (0.75, (0.04, 0.04, 0.04))
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "output"),
+    [
+        ("color3f inputs:emissiveColor", "emissive_texture", "rgb"),
+        ("float inputs:metallic", "metallic_texture", "r"),
+        ("float inputs:roughness", "roughness_texture", "r"),
+        ("float inputs:occlusion", "occlusion_texture", "r"),
+        ("int inputs:useSpecularWorkflow = 1\ncolor3f inputs:specularColor", "specular_texture", "rgb"),
+    ],
+)
+def test_textures_of_other_inputs(tmp_path, picture, name, field, output):
+    """Each input that is shaded may come from a picture."""
+    more = texture('asset inputs:file = @./picture.png@\ntoken inputs:sourceColorSpace = "raw"')[1]
+    material, warnings = material_of(tmp_path, f"{name}.connect = </World/M/T.outputs:{output}>", more)
+    assert warnings == ()
+    assert getattr(material, field) == Texture(
+        file=str(picture), channel=output, color_space="raw", wrap_s="black", wrap_t="black"
+    )
+
+
+@pytest.mark.usefixtures("picture")
+@pytest.mark.parametrize(("workflow", "field"), [(0, "specular_texture"), (1, "metallic_texture")])
+def test_textures_of_the_other_workflow_have_no_effect(tmp_path, workflow, field):
+    """The metallic workflow knows no specularColor, and the specular one no metal."""
+    parts = texture("asset inputs:file = @./picture.png@")[1]
+    inputs = f"""int inputs:useSpecularWorkflow = {workflow}
+        color3f inputs:specularColor.connect = </World/M/T.outputs:rgb>
+        float inputs:metallic.connect = </World/M/T.outputs:r>"""
+    material, _ = material_of(tmp_path, inputs, parts)
+    assert getattr(material, field) is None
+    assert material.has_pictures
+
+
 def test_interface_inputs_are_followed(tmp_path):
     """A value that the material passes on to its shader."""
     material, _ = material_of(
@@ -241,7 +283,16 @@ def test_texture_without_wrap_modes_is_black_outside(tmp_path):
 @pytest.mark.parametrize(
     ("parts", "warning"),
     [
-        (("float inputs:opacity = 0.5",), "/World/M/S: inputs:opacity is not supported; it has no effect"),
+        (("float inputs:clearcoat = 0.5",), "/World/M/S: inputs:clearcoat is not supported; it has no effect"),
+        (
+            ("float inputs:opacity = 0.5",),
+            "/World/M/S: inputs:opacity: baked textures hold it, and pictures show it opaque; its shadow is that of an "
+            "opaque surface",
+        ),
+        (
+            ("float inputs:opacity = 0.5\nfloat inputs:opacityThreshold = 0.6",),
+            "/World/M/S: inputs:opacity: its holes are seen through; its shadow is that of an opaque surface",
+        ),
         (("normal3f inputs:normal = (0, 0, 1)\nfloat inputs:opacity = 1",), None),
         (
             ("float inputs:ior.connect = </World/M/T.outputs:r>", texture("")[1]),
@@ -274,13 +325,6 @@ def test_texture_without_wrap_modes_is_black_outside(tmp_path):
                 )[1],
             ),
             "/World/M/S: the normal map is marked as sRGB; directions are stored raw",
-        ),
-        (
-            (
-                "float inputs:metallic = 1\n" + texture("")[0],
-                texture("asset inputs:file = @./picture.png@")[1],
-            ),
-            "/World/M/S: inputs:metallic with a textured diffuseColor is not supported; it has no effect",
         ),
         (
             texture("asset inputs:file = @./picture.png@", "r"),
@@ -342,22 +386,61 @@ def test_bindings_come_from_above(tmp_path):
     assert scene.surfaces[0].material.roughness == 0.25
 
 
-def test_materials_of_face_subsets_are_warned_of(tmp_path):
-    """A mesh whose faces have materials of their own says so, and keeps its own one."""
-    scene = scene_of(
-        tmp_path,
-        with_material("").replace(
-            "rel material:binding = </World/M>",
-            """rel material:binding = </World/M>
-            def GeomSubset "F" ( apiSchemas = ["MaterialBindingAPI"] ) {
-            token familyName = "materialBind"
-            int[] indices = [0]
-            rel material:binding = </World/M> }""",
-        ),
+def subsets(*indices, more=""):
+    """A quad and two triangles, bound to M, with a face subset bound to N for each list of faces."""
+    parts = "\n".join(
+        f"""def GeomSubset "F{n}" ( apiSchemas = ["MaterialBindingAPI"] ) {{
+            uniform token elementType = "face"
+            uniform token familyName = "materialBind"
+            int[] indices = {list(faces)}
+            {more}
+            rel material:binding = </World/N> }}"""
+        for n, faces in enumerate(indices)
     )
-    assert scene.surfaces[0].material.path == "/World/M"
-    text = "/World/A: materials of its face subsets are not supported; the mesh's own one is used"
-    assert scene.warnings == (text,)
+    return f"""
+    def Mesh "A" ( apiSchemas = ["MaterialBindingAPI"] ) {{
+        int[] faceVertexCounts = [4, 3, 3]
+        int[] faceVertexIndices = [0, 1, 2, 3, 3, 2, 4, 3, 4, 5]
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (1, 2, 0), (0, 2, 0)]
+        uniform token subdivisionScheme = "none"
+        rel material:binding = </World/M>
+        {parts} }}
+    def Material "M" {{ token outputs:surface.connect = </World/M/S.outputs:surface>
+        def Shader "S" {{ uniform token info:id = "UsdPreviewSurface"\ntoken outputs:surface }} }}
+    def Material "N" {{ token outputs:surface.connect = </World/N/S.outputs:surface>
+        def Shader "S" {{ uniform token info:id = "UsdPreviewSurface"\ntoken outputs:surface }} }}"""
+
+
+def test_materials_of_face_subsets(tmp_path):
+    """Faces of a subset have its material, all triangles of a quad too; the rest keep the mesh's."""
+    scene = scene_of(tmp_path, subsets([0], [2]))
+    assert scene.warnings == ()
+    (surface,) = scene.surfaces
+    assert [each.path for each in surface.subsets] == ["/World/A/F0", "/World/A/F1"]
+    assert [material.path for material in surface.materials] == ["/World/M", "/World/N", "/World/N"]
+    assert surface.material_of_triangle.tolist() == [1, 1, 0, 2]
+
+
+def test_face_subsets_that_overlap(tmp_path):
+    """The first of two subsets holds a face that is in both."""
+    assert scene_of(tmp_path, subsets([1], [1, 2])).surfaces[0].material_of_triangle.tolist() == [0, 0, 1, 2]
+
+
+def test_a_face_subset_of_faces_that_are_not_there(tmp_path):
+    """One line names the subset and the faces there are."""
+    line = "/World/A/F0: indices is 1…3; allowed: 0…2, the faces there are"
+    with pytest.raises(ValueError, match="allowed") as error:
+        scene_of(tmp_path, subsets([1, 3]))
+    assert str(error.value).endswith(line)
+
+
+def test_subsets_of_points_are_left_out(tmp_path):
+    """A subset of another element type is named in a warning."""
+    scene = scene_of(tmp_path, subsets([1], more="").replace('"face"', '"point"'))
+    assert scene.surfaces[0].subsets == ()
+    assert scene.warnings == (
+        "/World/A/F0: a materialBind subset of anything but faces is not supported; it is left out",
+    )
 
 
 @pytest.mark.usefixtures("picture")

@@ -75,10 +75,10 @@ class SurfaceActor:
                 self._poly.point_data.active_normals = mesh.normals_at(time).reshape(-1, 3)
 
     def show_picture(self, pixels: np.ndarray, exposure: float = 0.0) -> None:
-        """Draws a baked picture as it is: [h, w, 3] uint8 sRGB, top row first."""
+        """Draws a baked picture as it is: [h, w, 3] or [h, w, 4] uint8 sRGB, top row first; opaque."""
         if self._changes_to(pixels, exposure):
             self._unlight()
-            self.actor.texture = make_texture(expose_codes(pixels, exposure), "clamp")
+            self.actor.texture = make_texture(expose_codes(pixels[..., :3], exposure), "clamp")
 
     def show_colors(self, colors: np.ndarray, exposure: float = 0.0) -> None:
         """Draws baked colours as they are: linear RGB at each point of the mesh, [n, 3]."""

@@ -35,7 +35,7 @@ from warp_smoke.scene.smoke import (
     Emitter,
     SmokeDomain,
 )
-from warp_smoke.scene.surface import BAKES, Receiver, Surface
+from warp_smoke.scene.surface import BAKES, MaterialSubset, Receiver, Surface
 
 __all__ = [
     "ADVECTION_SCHEMES",
@@ -64,6 +64,7 @@ __all__ = [
     "Emitter",
     "Light",
     "Material",
+    "MaterialSubset",
     "PointLight",
     "Prim",
     "Procedural",

@@ -21,6 +21,7 @@ from warp_smoke.launch import Launcher, Rows
 from warp_smoke.scene import Camera, Light, Material, Surface
 from warp_smoke.shading.light_source import light_source
 from warp_smoke.shading.looks import make_looks, without_pictures, without_relief
+from warp_smoke.shading.normal_map import pack_channels
 from warp_smoke.shading.radiance import shade_irradiance, shade_light, weigh_light
 from warp_smoke.shading.surface_points import SurfacePoints, allocate_detail, look_up_detail
 from warp_smoke.shading.texels import TexelMap
@@ -83,6 +84,7 @@ class ReceiverBake:
         if "lit" in bakes and camera is None:
             warnings += (f"{surface.path}: no camera to see highlights from; the bake has diffuse light only",)
         self._follows_eye = any(material.has_relief for material in materials)
+        self._is_see_through = any(material.is_see_through for material in materials)
         if camera is None and self._follows_eye:
             flat = ", ".join(material.path for material in materials if material.has_relief)
             warnings += (f"{surface.path}: no camera to see relief from; {flat} has no parallax",)
@@ -177,9 +179,9 @@ class ReceiverBake:
             bake: one of `bakes`.
 
         Returns:
-            From a `TexelMap` [h, w, 3] sRGB uint8 (lit), linear uint16 (irradiance), or directions as uint8 (normal);
-            or raw shares [h, w] uint8; first row at the top. From a `VertexMap` linear RGB or directions [n, 3], or
-            shares [n], float32.
+            From a `TexelMap` lit as sRGB uint8 [h, w, 3], or [h, w, 4] with opacity where there is any, irradiance as
+            linear uint16 [h, w, 3], normal as directions uint8 [h, w, 3], and shares as raw uint8 [h, w]; first row at
+            the top. From a `VertexMap` linear RGB or directions [n, 3], or shares [n], float32.
         """
         surfaces = (self._visibility, self._visibility_row)
         if bake == "normal":
@@ -188,7 +190,12 @@ class ReceiverBake:
             lights = (self._detail.unlit, self._radiance) if bake == "lit" else (self._ambient_light, self._irradiance)
             args = (*lights, *surfaces, self._transmittance, self._transmittance_row, self._lit)
             self._launcher.launch_each(_add_lights, self.map.count, *args)
-            return self.map.color_picture(self._lit) if bake == "lit" else self.map.linear_picture(self._lit)
+            if bake == "irradiance":
+                return self.map.linear_picture(self._lit)
+            codes = self.map.color_picture(self._lit)
+            if isinstance(self.map, TexelMap) and self._is_see_through:
+                return pack_channels(codes, self.map.share_picture(self._detail.opacity))
+            return codes
         if bake == "visibility":
             args = (self._weights, *surfaces, self._shares)
             self._launcher.launch_each(_average_visibility, self.map.count, *args)

@@ -10,12 +10,17 @@ from warp_smoke.geometry import winding_flips
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.material import Material
 from warp_smoke.scene import Camera, Surface
+from warp_smoke.shading.looks import Looks, opacity_at
 from warp_smoke.shading.placement import place_normals, place_points
 from warp_smoke.shading.srgb import SrgbTable, encode_srgb
 from warp_smoke.shading.surface_points import SurfacePoints
 from warp_smoke.shading.tangents import corner_tangents
 
 wp.set_module_options({"enable_backward": False})
+
+# Holes that a ray passes at most, and how far beyond one it goes on, as a share of its length.
+_MOST_HOLES = wp.constant(64)
+_PAST_A_HOLE = wp.constant(1.0e-5)
 
 
 @wp.struct
@@ -77,7 +82,7 @@ class TriangleTable:
 
 @dataclass(frozen=True)
 class Dressing:
-    """Materials as surfaces can show them: `materials`, and for each surface the index of each triangle's, [m] int32."""
+    """Materials as surfaces can show them, and for each surface the index of each triangle's material, [m] int32."""
 
     materials: tuple[Material, ...]
     index: tuple[np.ndarray, ...]
@@ -153,10 +158,29 @@ def ray_direction(view: View, x: float, y: float):
     return wp.normalize(view.first + x * view.across + y * view.down)
 
 
+@wp.func
+def corner_weights(query: wp.MeshQueryRay):
+    """Of the first, second and third corner of the triangle that was hit."""
+    return wp.vec3(query.u, query.v, 1.0 - query.u - query.v)
+
+
+@wp.func
+def is_hole(looks: Looks, table: TriangleTable, i: int, w: wp.vec3):
+    """Whether triangle i has a hole at a place."""
+    m = looks.materials[table.material[i]]
+    if m.opacity >= 1.0 and m.opacity_texture < 0:
+        return False
+    uv = wp.vec2(0.0)
+    if m.opacity_texture >= 0:
+        uv = w[0] * table.uvs[i, 0] + w[1] * table.uvs[i, 1] + w[2] * table.uvs[i, 2]
+    return opacity_at(looks, m, uv) <= 0.0
+
+
 @wp.kernel
 def _cast_rays(
     rows: Rows,
     mesh: wp.uint64,
+    looks: Looks,
     view: View,
     x: float,
     y: float,
@@ -164,7 +188,7 @@ def _cast_rays(
     points: SurfacePoints,
     hits: Hits,
 ):
-    """Pixel p's ray through (column + x, row + y): the first triangle it meets, and the point on it.
+    """Pixel p's ray through (column + x, row + y): the first triangle it meets that has no hole there, and the point.
 
     Surfaces are seen from both sides: where the eye is behind, the normal is turned around.
     """
@@ -180,12 +204,21 @@ def _cast_rays(
     points.positions[p] = view.eye
     points.normals[p] = wp.vec3(0.0)
     points.material[p] = 0
-    query = wp.mesh_query_ray(mesh, view.eye + near * direction, direction, end - near)
+    start = wp.float32(near)
+    query = wp.mesh_query_ray(mesh, view.eye + start * direction, direction, end - start)
+    holes = wp.int32(0)
+    while query.result and holes < _MOST_HOLES:
+        if not is_hole(looks, table, query.face, corner_weights(query)):
+            break
+        start = (start + query.t) * (1.0 + _PAST_A_HOLE)
+        query = wp.mesh_query_ray(mesh, view.eye + start * direction, direction, end - start)
+        holes += 1
     if query.result:
         i = query.face
-        w0 = query.u
-        w1 = query.v
-        w2 = 1.0 - w0 - w1
+        w = corner_weights(query)
+        w0 = w[0]
+        w1 = w[1]
+        w2 = w[2]
         n = wp.normalize(w0 * table.normals[i, 0] + w1 * table.normals[i, 1] + w2 * table.normals[i, 2])
         face = query.normal
         if wp.length(n) < 0.5:
@@ -196,7 +229,7 @@ def _cast_rays(
             turned = -1.0
         hits.triangle[p] = i
         hits.weights[p] = wp.vec2(w1, w2)
-        hits.distance[p] = near + query.t
+        hits.distance[p] = start + query.t
         points.positions[p] = wp.mesh_eval_position(mesh, i, query.u, query.v)
         points.normals[p] = n
         points.material[p] = table.material[i]
@@ -274,7 +307,7 @@ def _encode(rows: Rows, mean: wp.array[wp.vec3], srgb: SrgbTable, codes_out: wp.
 
 
 def cast_rays(launcher: Launcher, count: int, *args) -> None:
-    """Casts a ray for each pixel: mesh id, view, place in the pixel (x, y), table, and the points and hits it fills."""
+    """Casts a ray for each pixel: mesh id, looks, view, place in the pixel (x, y), table, points and hits to fill."""
     launcher.launch_each(_cast_rays, count, *args)
 
 

@@ -124,7 +124,7 @@ def has_pictures(m: MaterialLook):
 def _look_up_detail(
     rows: Rows, looks: Looks, points: SurfacePoints, eye: wp.vec4, ambient: wp.vec3, detail: SurfaceDetail
 ):
-    """First uv ← parallax(uv), then all else at uv; with base colour c and share of metal k:
+    """First uv ← parallax(uv), then all else at uv; c is the base colour and k the share of metal.
 
     m_d = (1 − k) c, r₀ = (1 − k) r₀ + k c, unlit = emissive + occlusion · ambient ⊗ m_d.
     """

@@ -244,7 +244,7 @@ def _author_surface(stage: Usd.Stage, surface: Surface) -> None:
     _bind(prim, surface.material)
     for each in surface.subsets:
         if Sdf.Path(each.path).GetParentPath() != prim.GetPath():
-            raise FieldError(each.path, "path", each.path, f"a path right below {surface.path}, whose triangles it holds")
+            raise FieldError(each.path, "path", each.path, f"a path right below {surface.path}, whose faces it holds")
         subset = UsdGeom.Subset.Define(stage, each.path)
         subset.CreateElementTypeAttr(UsdGeom.Tokens.face)
         subset.CreateFamilyNameAttr(UsdShade.Tokens.materialBind)
@@ -291,7 +291,7 @@ def _author_material(stage: Usd.Stage, material: Material, folder: Path) -> None
 
 
 def _index_of_refraction(material: Material) -> float:
-    """n of r₀ = ((n − 1)/(n + 1))²: the workflow with metal has no other reflectance."""
+    """The n of r₀ = ((n − 1)/(n + 1))²: the workflow with metal has no other reflectance."""
     r0 = material.fresnel_r0
     if r0 != (r0[0],) * 3 or r0[0] >= 1.0 or material.specular_texture is not None:
         raise FieldError(material.path, "fresnel_r0", r0, "grey, below 1 and without a texture, where there is metal")

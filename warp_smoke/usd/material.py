@@ -125,7 +125,20 @@ def _define_pictures(receiver: Usd.Prim, bake: BakeResult) -> None:
     set_over_time(picture.CreateInput("file", Sdf.ValueTypeNames.Asset).GetAttr(), bake.files)
     _show(picture, uv, "sRGB", "clamp")
     _emit(material, picture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3))
+    _keep_opacity(material, picture, bake.surface)
     _bind(receiver, material)
+
+
+def _keep_opacity(material: UsdShade.Material, picture: UsdShade.Shader, receiver: Surface) -> None:
+    """Takes opacity from the picture's alpha, which holds it where any of the receiver's own materials has some."""
+    thresholds = [each.opacity_threshold for each in receiver.materials if each.is_see_through]
+    if not thresholds:
+        return
+    surface, _, _ = material.ComputeSurfaceSource()
+    alpha = picture.CreateOutput("a", Sdf.ValueTypeNames.Float)
+    surface.CreateInput("opacity", Sdf.ValueTypeNames.Float).ConnectToSource(alpha)
+    if all(thresholds):
+        surface.CreateInput("opacityThreshold", Sdf.ValueTypeNames.Float).Set(0.5)  # holes are 0 in the picture
 
 
 def _define_primvar(receiver: Usd.Prim, bake: VertexBakeResult) -> None:

@@ -195,6 +195,7 @@ class _Contents:
                     transform=reader.transform(prim),
                     mesh=mesh,
                     material=self._materials.bound_to(prim),
+                    subsets=self._materials.bound_to_subsets(prim, mesh),
                     visible=reader.visible(prim),
                     receiver=read_receiver(reader, prim) if receives and prim.IsA(UsdGeom.Mesh) else None,
                     instancer=reader.instancer if isinstance(reader, InstanceReader) else None,

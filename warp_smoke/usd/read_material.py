@@ -1,11 +1,13 @@
-"""Materials: the bound `UsdPreviewSurface`, with a `UsdUVTexture` on diffuse colour, roughness, normal or displacement.
+"""Materials: the bound `UsdPreviewSurface`, with a `UsdUVTexture` on any of its inputs that are shaded.
 
 A texture on displacement gives heights for parallax; `SmokeMaterialAPI` on the Material says what else USD cannot.
 """
 
-from pxr import Ar, Sdf, Usd, UsdShade
+import numpy as np
+from pxr import Ar, Sdf, Usd, UsdGeom, UsdShade
 
-from warp_smoke.scene import Material, Procedural, Texture
+from warp_smoke.geometry import Mesh
+from warp_smoke.scene import Material, MaterialSubset, Procedural, Texture
 from warp_smoke.usd.names import MATERIAL, PROCEDURAL, TEXTURE, TRANSFORM_2D, smoke_attribute
 from warp_smoke.usd.reader import StageReader, shortest_decimal
 from warp_smoke.usd.schema import schema_attributes
@@ -19,14 +21,23 @@ PREVIEW_SURFACE = {
     "metallic": 0.0,
     "roughness": 0.5,
     "ior": 1.5,
-}
-# Inputs that surfaces are read without, and the values at which they do nothing.
-WITHOUT_EFFECT = {
+    "occlusion": 1.0,
     "opacity": 1.0,
     "opacityThreshold": 0.0,
-    "occlusion": 1.0,
-    "clearcoat": 0.0,
 }
+# Inputs that surfaces are read without, and the values at which they do nothing.
+WITHOUT_EFFECT = {"clearcoat": 0.0}
+# The inputs that may come from a texture, and the record's field.
+TEXTURED = {
+    "diffuseColor": "diffuse_texture",
+    "specularColor": "specular_texture",
+    "emissiveColor": "emissive_texture",
+    "metallic": "metallic_texture",
+    "roughness": "roughness_texture",
+    "occlusion": "occlusion_texture",
+    "opacity": "opacity_texture",
+}
+_COLORS = ("diffuseColor", "specularColor", "emissiveColor", "normal")
 # The inputs whose texture is data, and the record's field; their values without a texture have no effect.
 RELIEF = {"normal": ("normal_texture", (0.0, 0.0, 1.0)), "displacement": ("height_texture", 0.0)}
 # What makes −1…1 of a normal map's codes.
@@ -34,7 +45,6 @@ NORMAL_SCALE, NORMAL_BIAS = (2.0, 2.0, 2.0), (-1.0, -1.0, -1.0)
 # As its specification says, a texture without wrap modes, in a file that has none either, is black outside [0, 1].
 WRAP_MODES = {"useMetadata": "black"}
 
-TEXTURED = ("diffuseColor", "roughness")
 _SMOKE_FIELDS = ("reflection", "gloss", "parallax", "parallax_scale", "parallax_bias")
 
 
@@ -52,8 +62,6 @@ class MaterialReader:
             ValueError: one line naming file, prim and attribute.
         """
         binding = UsdShade.MaterialBindingAPI(prim)
-        if any(UsdShade.MaterialBindingAPI(one.GetPrim()).ComputeBoundMaterial()[0] for one in _subsets(binding)):
-            self._reader.warn(prim, "materials of its face subsets are not supported; the mesh's own one is used")
         material, _ = binding.ComputeBoundMaterial(UsdShade.Tokens.full)
         if not material:
             for path in binding.GetDirectBindingRel().GetTargets():
@@ -63,6 +71,29 @@ class MaterialReader:
         if path not in self._materials:
             self._materials[path] = self._read(material)
         return self._materials[path]
+
+    def bound_to_subsets(self, prim: Usd.Prim, mesh: Mesh) -> tuple[MaterialSubset, ...]:
+        """The materials of a mesh's face subsets, those of the family `materialBind`.
+
+        Raises:
+            ValueError: one line naming file, prim and attribute.
+        """
+        if not prim.IsA(UsdGeom.Mesh):
+            return ()
+        faces = np.arange(len(mesh.triangles)) if mesh.faces is None else mesh.faces
+        count, found = len(UsdGeom.Mesh(prim).GetFaceVertexCountsAttr().Get(self._reader.start) or ()), []
+        for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+            each = subset.GetPrim()
+            if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
+                self._reader.warn(each, "a materialBind subset of anything but faces is not supported; it is left out")
+                continue
+            indices = np.asarray(self._reader.still(subset.GetIndicesAttr()) or (), np.int64)
+            if len(indices) and not 0 <= indices.min() <= indices.max() < count:
+                shown, allowed = f"{indices.min()}…{indices.max()}", f"0…{count - 1}, the faces there are"
+                raise self._reader.error(each.GetPath(), "indices", shown, allowed)
+            triangles = np.flatnonzero(np.isin(faces, indices))
+            found.append(MaterialSubset(path=str(each.GetPath()), triangles=triangles, material=self.bound_to(each)))
+        return tuple(found)
 
     def _read(self, material: UsdShade.Material) -> Material | None:
         surface, _, _ = material.ComputeSurfaceSource()
@@ -76,8 +107,7 @@ class MaterialReader:
                 self._reader.warn(surface.GetPrim(), f"inputs:{name} is not supported; it has no effect")
 
         values = {name: self._value(surface, name) for name in PREVIEW_SURFACE}
-        textures = {"diffuse_texture": self._texture_on(surface, "diffuseColor")}
-        textures["roughness_texture"] = self._texture_on(surface, "roughness")
+        textures = {field: self._texture_on(surface, name) for name, field in TEXTURED.items()}
         for name, (field, without) in RELIEF.items():
             textures[field] = self._texture_on(surface, name)
             source = _source(surface, name)
@@ -86,32 +116,29 @@ class MaterialReader:
                     surface.GetPrim(), f"inputs:{name} without a texture is not supported; it has no effect"
                 )
         self._check_normal_map(surface, textures["normal_texture"])
-        diffuse, textured = values["diffuseColor"], textures["diffuse_texture"] is not None
-
-        r0 = values["specularColor"]
-        if not values["useSpecularWorkflow"]:
-            n = values["ior"]
-            r0 = (shortest_decimal(((n - 1.0) / (n + 1.0)) ** 2),) * 3
-            metallic = values["metallic"]
-            if metallic and textured:
-                text = "inputs:metallic with a textured diffuseColor is not supported; it has no effect"
-                self._reader.warn(surface.GetPrim(), text)
-            elif metallic:
-                pairs = zip(r0, diffuse, strict=True)
-                r0 = tuple(shortest_decimal((1.0 - metallic) * a + metallic * b) for a, b in pairs)
-                diffuse = tuple(shortest_decimal((1.0 - metallic) * a) for a in diffuse)
+        if values["opacity"] < 1.0 or textures["opacity_texture"] is not None:
+            self._warn_of_opacity(surface, values["opacityThreshold"])
         smoke = self._read_smoke_fields(material.GetPrim())
+        values |= _reflectance(values, textures, "procedural" in smoke)
         names = MATERIAL | {field: smoke_attribute(field) for field in smoke}
         with self._reader.naming(surface.GetPath(), names):
             return Material(
                 path=str(material.GetPath()),
-                diffuse_color=diffuse,
-                fresnel_r0=r0,
+                diffuse_color=values["diffuseColor"],
+                fresnel_r0=values["specularColor"],
+                metallic=values["metallic"],
                 roughness=values["roughness"],
                 emissive_color=values["emissiveColor"],
+                occlusion=values["occlusion"],
+                opacity=values["opacity"],
+                opacity_threshold=values["opacityThreshold"],
                 **textures,
                 **smoke,
             )
+
+    def _warn_of_opacity(self, surface: UsdShade.Shader, threshold: float) -> None:
+        shown = "its holes are seen through" if threshold else "baked textures hold it, and pictures show it opaque"
+        self._reader.warn(surface.GetPrim(), f"inputs:opacity: {shown}; its shadow is that of an opaque surface")
 
     def _read_smoke_fields(self, prim: Usd.Prim) -> dict[str, object]:
         """The fields that `SmokeMaterialAPI` fills."""
@@ -168,7 +195,7 @@ class MaterialReader:
             self._reader.warn(surface.GetPrim(), text)
             return None
         channel = source.GetBaseName()
-        if name in ("diffuseColor", "normal") and channel != "rgb":
+        if name in _COLORS and channel != "rgb":
             self._reader.warn(prim, f"{source.GetName()} alone is not supported as a colour; all three are used")
             channel = "rgb"
         fields = {"channel": channel} | self._read_transform(shader)
@@ -212,8 +239,22 @@ class MaterialReader:
         return fields
 
 
-def _subsets(binding: UsdShade.MaterialBindingAPI) -> list:
-    return binding.GetMaterialBindSubsets() if binding.GetPrim().IsA("Mesh") else []
+def _reflectance(values: dict[str, object], textures: dict[str, Texture | None], procedural: bool) -> dict[str, object]:
+    """Diffuse colour, reflectance at normal incidence and share of metal, of either workflow.
+
+    Metal is mixed into the colours where none of them is a picture. Textures of the other workflow are taken out.
+    """
+    if values["useSpecularWorkflow"]:
+        textures["metallic_texture"] = None
+        return {"metallic": 0.0}
+    textures["specular_texture"] = None
+    n, metallic, diffuse = values["ior"], values["metallic"], values["diffuseColor"]
+    r0 = (shortest_decimal(((n - 1.0) / (n + 1.0)) ** 2),) * 3
+    if procedural or textures["diffuse_texture"] or textures["metallic_texture"] or not metallic:
+        return {"specularColor": r0}
+    mixed = (shortest_decimal((1.0 - metallic) * a + metallic * b) for a, b in zip(r0, diffuse, strict=True))
+    rest = tuple(shortest_decimal((1.0 - metallic) * a) for a in diffuse)
+    return {"specularColor": tuple(mixed), "diffuseColor": rest, "metallic": 0.0}
 
 
 def _source(shader: UsdShade.Shader, name: str) -> Usd.Attribute | None:
