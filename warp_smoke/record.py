@@ -4,6 +4,12 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+# Beyond, forces times time and areas times areas would overflow single precision, in which the fields are.
+LARGEST = 1e9
+SMALLEST = 1e-9
+# For what is bounded where it is used: light, and distances that stand for "no end".
+VAST = 1e38
+
 
 class FieldError(ValueError):
     """A value that is not allowed: one line naming the prim path, the field, the value and what is allowed."""
@@ -107,8 +113,8 @@ def read_only(value: object, dtype: type | None) -> np.ndarray:
     return array
 
 
-def finite(path: str, field: str, value: object, shape: tuple[int, ...] = ()) -> object:
-    """A number or an array of `shape` without NaN or infinity; may change in time.
+def finite(path: str, field: str, value: object, shape: tuple[int, ...] = (), largest: float = LARGEST) -> object:
+    """A number or an array of `shape` without NaN or infinity, from −largest to largest; may change in time.
 
     Returns:
         A float for an empty shape, else a tuple of floats ([3]) or a read-only float64 array; Samples stay Samples.
@@ -120,6 +126,8 @@ def finite(path: str, field: str, value: object, shape: tuple[int, ...] = ()) ->
         raise FieldError(path, field, value, expected) from None
     if values.shape[1:] != shape or not np.all(np.isfinite(values)):
         raise FieldError(path, field, value, expected)
+    if np.any(np.abs(values) > largest):
+        raise FieldError(path, field, value, f"−{largest:g} to {largest:g}")
     if isinstance(value, Samples):
         return Samples(value.times, values)
     if shape == ():
@@ -127,19 +135,28 @@ def finite(path: str, field: str, value: object, shape: tuple[int, ...] = ()) ->
     return tuple(values[0].tolist()) if len(shape) == 1 else read_only(values[0], np.float64)
 
 
-def at_least(path: str, field: str, value: object, low: float = 0.0, shape: tuple[int, ...] = ()) -> object:
+def at_least(
+    path: str,
+    field: str,
+    value: object,
+    low: float = 0.0,
+    shape: tuple[int, ...] = (),
+    largest: float = LARGEST,
+) -> object:
     """Like `finite`, with every number ≥ low."""
-    checked = finite(path, field, value, shape)
+    checked = finite(path, field, value, shape, largest)
     if np.any(each_value(checked) < low):
         raise FieldError(path, field, value, f"≥ {low:g}")
     return checked
 
 
-def positive(path: str, field: str, value: object, shape: tuple[int, ...] = ()) -> object:
-    """Like `finite`, with every number > 0."""
-    checked = finite(path, field, value, shape)
+def positive(path: str, field: str, value: object, shape: tuple[int, ...] = (), largest: float = LARGEST) -> object:
+    """Like `finite`, with every number > 0, and not so small that its inverse is useless."""
+    checked = finite(path, field, value, shape, largest)
     if np.any(each_value(checked) <= 0.0):
         raise FieldError(path, field, value, "> 0")
+    if np.any(each_value(checked) < SMALLEST):
+        raise FieldError(path, field, value, f"≥ {SMALLEST:g}")
     return checked
 
 

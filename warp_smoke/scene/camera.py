@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from warp_smoke.record import finite, positive
+from warp_smoke.record import VAST, finite, positive
 from warp_smoke.scene.prim import Prim
 
 
@@ -20,5 +20,6 @@ class Camera(Prim):
 
     def __post_init__(self):
         super().__post_init__()
-        self._check(positive, "focal_length", "horizontal_aperture", "vertical_aperture", "far")
+        self._check(positive, "focal_length", "horizontal_aperture", "vertical_aperture")
+        self._check(positive, "far", largest=VAST)
         self._check(finite, "horizontal_offset", "vertical_offset", "near")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_smoke.record import FieldError, Samples, at_least, each_value, one_of, positive, switch, whole
+from warp_smoke.record import VAST, FieldError, Samples, at_least, each_value, one_of, positive, switch, whole
 from warp_smoke.scene.prim import Prim
 from warp_smoke.scene.smoke import MAX_RESOLUTION
 
@@ -75,7 +75,8 @@ class Light(Prim):
     def __post_init__(self):
         super().__post_init__()
         self._check(at_least, "color", shape=(3,))
-        self._check(at_least, "intensity", "smoke_diffusion")
+        self._check(at_least, "intensity", largest=VAST)
+        self._check(at_least, "smoke_diffusion")
         self._check(switch, "enabled")
         for name in ("illuminates", "shadowed_by"):
             if getattr(self, name) is not None:
@@ -92,7 +93,7 @@ class Light(Prim):
             if getattr(self, name) is not None:
                 self._check(at_least, name)
         if self.shadow_far is not None:
-            self._check(positive, "shadow_far")
+            self._check(positive, "shadow_far", largest=VAST)
             if self.shadow_far <= (self.shadow_near or 0.0):
                 raise FieldError(
                     self.path, "shadow_far", self.shadow_far, f"greater than shadow_near {self.shadow_near}"
@@ -150,7 +151,7 @@ class PointLight(Light):
         self._check(one_of, "falloff_model", allowed=FALLOFF_MODELS)
         self._check(at_least, "attenuation", shape=(3,))
         if self.falloff_end is not None:
-            self._check(positive, "falloff_end")
+            self._check(positive, "falloff_end", largest=VAST)
             if self.falloff_end <= self.falloff_start:
                 allowed = f"greater than falloff_start {self.falloff_start}"
                 raise FieldError(self.path, "falloff_end", self.falloff_end, allowed)

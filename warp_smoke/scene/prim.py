@@ -4,7 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from warp_smoke.record import FieldError, Record, Samples, finite, value_at
+from warp_smoke.geometry import transform_points
+from warp_smoke.record import LARGEST, FieldError, Record, Samples, each_value, finite, value_at
+
+_CORNERS = np.array([[i, j, k] for i in (0.0, 1.0) for j in (0.0, 1.0) for k in (0.0, 1.0)])
 
 
 def _identity() -> np.ndarray:
@@ -40,3 +43,15 @@ class Prim(Record):
     def _check(self, check, *names: str, **limits) -> None:
         for name in names:
             self._store(name, check(self.path, name, getattr(self, name), **limits))
+
+    def _check_reach(self, points: np.ndarray | Samples) -> None:
+        """Raises FieldError where the transform takes the bounds of local points [n, 3] too far from the origin."""
+        points = each_value(points).reshape(-1, 3)
+        if not len(points):
+            return
+        lower, upper = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+        corners = lower + _CORNERS * (upper - lower)
+        reach = max(np.abs(transform_points(matrix, corners)).max() for matrix in each_value(self.transform))
+        if reach > LARGEST:
+            found = f"one that takes points to {reach:g}"
+            raise FieldError(self.path, "transform", found, f"world coordinates from −{LARGEST:g} to {LARGEST:g}")

@@ -5,7 +5,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from warp_smoke.geometry import Mesh, Points
-from warp_smoke.record import FieldError, Samples, at_least, each_value, finite, one_of, positive, switch, whole
+from warp_smoke.record import (
+    SMALLEST,
+    FieldError,
+    Samples,
+    at_least,
+    each_value,
+    finite,
+    one_of,
+    positive,
+    switch,
+    whole,
+)
 from warp_smoke.scene.prim import Prim
 
 SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
@@ -127,6 +138,12 @@ class SmokeDomain(Prim):
                 raise FieldError(
                     self.path, "transform", matrix[:3, :3].tolist(), "axes of non-zero length at right angles"
                 )
+            sides = lengths * (np.array(self.upper) - self.lower)
+            if sides.min() < SMALLEST:
+                raise FieldError(
+                    self.path, "upper", self.upper, f"a box with sides of at least {SMALLEST:g} in the world"
+                )
+        self._check_reach(np.array([self.lower, self.upper]))
 
     @property
     def dims_light(self) -> bool:
@@ -168,6 +185,7 @@ class Emitter(Prim):
 
     def __post_init__(self):
         super().__post_init__()
+        self._check_reach(self.mesh.points)
         self._check(at_least, "density")
         self._check(finite, "temperature", "inherit_velocity")
         self._check(finite, "velocity", shape=(3,))
@@ -201,4 +219,5 @@ class Collider(Prim):
 
     def __post_init__(self):
         super().__post_init__()
+        self._check_reach(self.mesh.points)
         self._check(at_least, "thickness")

@@ -74,6 +74,7 @@ class Surface(Prim):
 
     def __post_init__(self):
         super().__post_init__()
+        self._check_reach(self.mesh.points)
         self._check(switch, "visible")
         self._store("subsets", tuple(self.subsets))
         last = len(self.mesh.triangles) - 1
