@@ -267,7 +267,9 @@ def test_same_bits_for_any_number_of_threads(cast, point_light, bunny):
 def test_depth_picture_is_a_cross(launcher, cast, point_light):
     """Each face is where a cross puts it, grey by depth; the corners stay black."""
     size = 16
-    shadow = _shadow(launcher, point_light((0, 0, 0), shadow_map_size=size), cast((Mesh.box(8.0), (1, 0.5, 0.25))))
+    behind = [[-6, -6, -6], [6, 6, 6]]  # receivers, so that every wall casts
+    casters = cast((Mesh.box(8.0), (1, 0.5, 0.25)))
+    shadow = _shadow(launcher, point_light((0, 0, 0), shadow_map_size=size), casters, behind)
     picture = shadow.depth_picture()
     assert picture.shape == (3 * size, 4 * size)
     assert picture.dtype == np.uint8

@@ -7,7 +7,7 @@ from warp_smoke.geometry import transform_points, winding_flips
 from warp_smoke.launch import Launcher
 from warp_smoke.record import Samples, value_at
 from warp_smoke.scene import Surface
-from warp_smoke.shadow.coverage import casting_boxes
+from warp_smoke.shadow.coverage import casting_boxes, patches_of
 
 # Rounding in a ray–box test moves a ray by about 3 units in the last place of the distance; with boxes that are not
 # larger than their triangles, one ray in a hundred that is aimed at an edge would slip through a closed mesh (Ize,
@@ -73,6 +73,9 @@ class Casters:
         if visible != self._visible:
             self._visible = visible
             self.surface_of_triangle = np.repeat(np.int32(visible), [len(c) for c in corners])
+            patches = patches_of(triangles[: len(self.surface_of_triangle)], self.surface_of_triangle)
+            self._by_patch = np.argsort(patches, kind="stable")
+            self._patches = patches[self._by_patch]
             indices = self._launcher.array(np.arange(3 * len(triangles), dtype=np.int32), "casters")
             points = self._launcher.array(self._boxes(triangles), "casters", dtype=wp.vec3)
             self.mesh = wp.Mesh(points, indices)
@@ -83,9 +86,19 @@ class Casters:
         self.mesh.points.assign(triangles.reshape(-1, 3))
         self.version += 1
 
+    def follow(self, frames: range) -> None:
+        """Gives the hierarchy the shape that it has after an update at each of these frames.
+
+        It is built anew when other surfaces are visible; which of the triangles at one distance a ray hits may follow
+        from when that was.
+        """
+        shown = [[bool(value_at(surface.visible, time)) for surface in self._surfaces] for time in frames]
+        changes = [time for time, before, now in zip(frames[1:], shown, shown[1:], strict=False) if before != now]
+        self.update(changes[-1] if changes else frames[0])
+
     def boxes_behind_which(self, receivers: np.ndarray, light: np.ndarray, slack: float) -> np.ndarray:
-        """Bounds of the surfaces that may shadow receivers, [n, 2, 3]; see `coverage.casting_boxes`."""
-        return casting_boxes(self._triangles, self.surface_of_triangle, receivers, light, slack)
+        """Bounds of the patches of surfaces that may shadow receivers, [n, 2, 3]; see `coverage.casting_boxes`."""
+        return casting_boxes(self._triangles[self._by_patch], self._patches, receivers, light, slack)
 
     def _corners(self, index: int, time: float) -> np.ndarray:
         """Corners of a surface's triangles in set space, [m, 3, 3] float32, front faces counter-clockwise."""

@@ -28,6 +28,8 @@ FACE_NAMES = ("+X", "-X", "+Y", "-Y", "+Z", "-Z")
 # Half angle of the widest cone that one map serves [degrees]: beyond, its texels are more than twice as wide in the
 # middle as those of a cube map.
 WIDEST_CONE = 60.0
+# Cells of the grid that sorts a surface's triangles, along each axis: a thousand boxes follow a silhouette well.
+_PATCHES_ALONG = 16
 _CORNERS = np.array(list(product((0, 1), repeat=3)))
 _NONE = np.array([1.0, -1.0, 1.0, -1.0])
 _ALL = np.array([-1.0, 1.0, -1.0, 1.0])
@@ -99,30 +101,53 @@ def covered_tiles(rectangles: np.ndarray, size: int) -> np.ndarray:
     Rectangles grow by a texel on each side, which takes up rounding.
     """
     count = -(-size // TILE)
-    tiles = np.zeros((rectangles.shape[1], count, count), bool)
     margin = 2.0 / size
     outward = np.array([-margin, margin, -margin, margin])
     grown = np.where(rectangles[..., :1] > rectangles[..., 1:2], _NONE, rectangles + outward)
     seen = (grown[..., 0] <= 1.0) & (grown[..., 1] >= -1.0) & (grown[..., 2] <= 1.0) & (grown[..., 3] >= -1.0)
     seen &= grown[..., 0] <= grown[..., 1]
     index = np.floor((np.clip(grown, -1.0, 1.0) + 1.0) * (0.5 * size / TILE)).astype(int).clip(0, count - 1)
-    for box, face in zip(*np.nonzero(seen), strict=True):
-        left, right, top, bottom = index[box, face]
-        tiles[face, top : bottom + 1, left : right + 1] = True
-    return tiles
+    box, face = np.nonzero(seen)
+    left, right, top, bottom = index[box, face].T
+    # Each rectangle as four steps, whose running sums along rows and columns are the number of rectangles on a tile.
+    steps = np.zeros((rectangles.shape[1], count + 1, count + 1), int)
+    for row, column, step in ((top, left, 1), (top, right + 1, -1), (bottom + 1, left, -1), (bottom + 1, right + 1, 1)):
+        np.add.at(steps, (face, row, column), step)
+    return steps.cumsum(axis=1).cumsum(axis=2)[:, :count, :count] > 0
+
+
+def patches_of(triangles: np.ndarray, owners: np.ndarray) -> np.ndarray:
+    """Sorts triangles into patches that are bounded well by boxes: cells of a coarse grid over each surface.
+
+    Args:
+        triangles: corners, [m, 3, 3].
+        owners: index of the surface of each, [m], in order.
+
+    Returns:
+        Number of the patch of each, [m]; patches of a surface follow those of the surfaces before it.
+    """
+    patches = np.zeros(len(triangles), np.int64)
+    for owner in np.unique(owners):
+        first, end = np.searchsorted(owners, (owner, owner + 1))
+        middles = triangles[first:end].mean(axis=1)
+        lower, upper = middles.min(axis=0), middles.max(axis=0)
+        cells = (middles - lower) * (_PATCHES_ALONG / np.maximum(upper - lower, 1e-30))
+        cells = np.minimum(cells.astype(np.int64), _PATCHES_ALONG - 1)
+        patches[first:end] = owner * _PATCHES_ALONG**3 + np.ravel_multi_index(cells.T, (_PATCHES_ALONG,) * 3)
+    return patches
 
 
 def casting_boxes(
     triangles: np.ndarray, owners: np.ndarray, receivers: np.ndarray, light: np.ndarray, slack: float
 ) -> np.ndarray:
-    """Bounds of what may shadow the receivers, a box for each surface that does, [n, 2, 3].
+    """Bounds of what may shadow the receivers, a box for each group of triangles that does, [n, 2, 3].
 
     A triangle shadows nothing if no receiver lies behind its plane, as with the walls around a room and the ground
     under it.
 
     Args:
         triangles: corners, [m, 3, 3].
-        owners: index of the surface of each, [m], in order.
+        owners: number of the group of each, [m], in order.
         receivers: boxes of the receivers, [r, 2, 3].
         light: position and 1, or the direction towards the light and 0, [4].
         slack: distance from a plane that counts as in it.

@@ -7,7 +7,7 @@ import numpy as np
 
 from warp_smoke.scene import SpotLight
 from warp_smoke.shadow.coverage import CUBE_FRAMES, cube_rectangles
-from warp_smoke.shadow.point_map import PointMapShadow
+from warp_smoke.shadow.point_shadow import PointMapShadow
 
 _FACE_IN_CROSS = ((1, 2), (1, 0), (0, 1), (2, 1), (1, 1), (1, 3))  # row and column of each face in the picture
 _CORNER_ANGLE = np.arccos(3**-0.5)  # from a face's axis to its corners

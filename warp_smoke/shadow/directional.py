@@ -7,6 +7,7 @@ from warp_smoke.launch import Launcher, Rows
 from warp_smoke.scene import Camera, DistantLight
 from warp_smoke.shadow import coverage, filters
 from warp_smoke.shadow.bias import Bias, fixed_bias, light_bias, round_off, tangent
+from warp_smoke.shadow.caster_mask import CasterMask, CasterTiles, may_be_shadowed
 from warp_smoke.shadow.casters import Casters, nearest_hit
 from warp_smoke.shadow.filters import Taps
 
@@ -96,6 +97,7 @@ def _trace_directional(
 def _filter_taps(
     rows: Rows,
     m: DirectionalMap,
+    mask: CasterMask,
     taps: Taps,
     points: wp.array[wp.vec3],
     normals: wp.array[wp.vec3],
@@ -108,7 +110,7 @@ def _filter_taps(
     visible = wp.float32(0.0)
     if cosine > 0.0:
         visible = wp.float32(1.0)
-        if wp.dot(p, m.direction) <= m.far:
+        if wp.dot(p, m.direction) <= m.far and may_be_shadowed(mask, p):
             reach = taps.radius * (1.0 + taps.growth * wp.length(p - taps.eye)) + taps.texels * m.texel
             lit = wp.float32(0.0)
             for k in range(taps.offsets.shape[0]):
@@ -123,6 +125,7 @@ def _filter_taps(
 def _filter_penumbra(
     rows: Rows,
     m: DirectionalMap,
+    mask: CasterMask,
     taps: Taps,
     spread: float,
     points: wp.array[wp.vec3],
@@ -137,7 +140,7 @@ def _filter_penumbra(
     if cosine > 0.0:
         visible = wp.float32(1.0)
         d = wp.dot(p, m.direction) - m.near
-        if d <= m.far - m.near:
+        if d <= m.far - m.near and may_be_shadowed(mask, p):
             smallest = taps.texels * m.texel
             reach = wp.max(spread * d, smallest)
             total = wp.float32(0.0)
@@ -196,6 +199,7 @@ class DirectionalShadow:
         self._depth = launcher.zeros((size, size), "shadow_map")
         self._depth.fill_(1.0)
         self._tiles = launcher.zeros((-(-size // coverage.TILE)) ** 2, "shadow_map", dtype=int)
+        self._mask = CasterTiles(launcher, 1, size)
         self._traced, self._looked, self._covered = None, None, None
         self.rays = 0
 
@@ -240,10 +244,18 @@ class DirectionalShadow:
         self.map.bias = light_bias(light, spread=float(texel) * 0.5**0.5, extent=max(extent, float(far - near)))
 
         width = float(texel) * size
-        casting = coverage.covered_tiles(coverage.flat_rectangles(found, frame, corner, width), size)
         reach = self._reach(float(texel), float(far - near))
-        grown = self._receivers + reach * np.array([[-1.0], [1.0]])
-        covered = casting & coverage.covered_tiles(coverage.flat_rectangles(grown, frame, corner, width), size)
+        around = reach * np.array([[-1.0], [1.0]])
+        casting, receiving = (
+            coverage.covered_tiles(coverage.flat_rectangles(boxes, frame, corner, width), size)
+            for boxes in (found, self._receivers + around)
+        )
+        # Points beside the map may still have taps on it.
+        whole = coverage.flat_rectangles(found + around, frame, corner - reach, width + 2.0 * reach)
+        middle = np.append(corner + 0.5 * width, 0.0) @ frame
+        near_caster = coverage.covered_tiles(whole, size)
+        self._mask.place(near_caster, frame[None], middle, 0.5 * width + reach, False)
+        covered = casting & receiving
         if self._covered is not None and np.any(self._covered & ~covered):
             self._depth.fill_(1.0)
         self._covered = covered
@@ -289,11 +301,11 @@ class DirectionalShadow:
             normals: unit surface normals, [n] vec3.
             visibility_out: [n].
         """
-        count, look = len(points), (points, normals, visibility_out)
+        args, look = (self.map, self._mask.mask, self._taps), (points, normals, visibility_out)
         if self._light.shadow_filter == "pcss":
-            self._launcher.launch_each(_filter_penumbra, count, self.map, self._taps, self._spread, *look)
+            self._launcher.launch_each(_filter_penumbra, len(points), *args, self._spread, *look)
         else:
-            self._launcher.launch_each(_filter_taps, count, self.map, self._taps, *look)
+            self._launcher.launch_each(_filter_taps, len(points), *args, *look)
 
     def depth_picture(self) -> np.ndarray:
         """The stored depths, [size, size] uint8 (white = far)."""

@@ -8,19 +8,26 @@ import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.scene import Camera, DistantLight, Light
+from warp_smoke.shadow import coverage
 from warp_smoke.shadow.bias import round_off
+from warp_smoke.shadow.caster_mask import CasterMask, CasterTiles, may_be_shadowed
 from warp_smoke.shadow.casters import Casters
 from warp_smoke.shadow.filters import spiral
 
 wp.set_module_options({"enable_backward": False})
 
 AREA_RAYS = 64
+# Texels that the mask of casters resolves, as those of a depth map.
+_MASK_SIZE = 512
+# Of the angle that a light fills, seen from a point: near and inside it, rays go to what is less than half of it.
+_WIDEST_SINE = wp.constant(0.99)
 
 
 @wp.kernel
 def _trace_points(
     rows: Rows,
     mesh: wp.uint64,
+    mask: CasterMask,
     light: wp.vec4,
     offset: float,
     near: float,
@@ -37,7 +44,7 @@ def _trace_points(
     visible = wp.float32(0.0)
     if wp.dot(ray, normals[n]) > 0.0:
         visible = wp.float32(1.0)
-        if d <= far and wp.mesh_query_ray_anyhit(mesh, start, ray / d, d - near):
+        if d <= far and may_be_shadowed(mask, start) and wp.mesh_query_ray_anyhit(mesh, start, ray / d, d - near):
             visible = wp.float32(0.0)
     visibility_out[n] = visible
 
@@ -46,6 +53,7 @@ def _trace_points(
 def _trace_disks(
     rows: Rows,
     mesh: wp.uint64,
+    mask: CasterMask,
     light: wp.vec4,
     radius: float,
     disk: wp.array[wp.vec3],
@@ -70,14 +78,15 @@ def _trace_disks(
         side = wp.vec3(0.0, 1.0, 0.0)
     right = wp.normalize(wp.cross(side, axis))
     up = wp.cross(axis, right)
-    sine = wp.min(radius / wp.max(d, 1.0e-30), 0.99)
+    sine = wp.min(radius / wp.max(d, 1.0e-30), _WIDEST_SINE)
     width = d * sine / wp.sqrt(1.0 - sine * sine)
+    meets = d <= far and may_be_shadowed(mask, start)
     reached = wp.float32(0.0)
     for k in range(disk.shape[0]):
         to = ray + width * (disk[k][0] * right + disk[k][1] * up)
         length = wp.length(to)
         blocked = wp.dot(to, normals[n]) <= 0.0
-        if not blocked and d <= far:
+        if meets and not blocked:
             blocked = wp.mesh_query_ray_anyhit(mesh, start, to / length, length - near)
         reached += wp.where(blocked, 0.0, 1.0)
     visibility_out[n] = reached / float(disk.shape[0])
@@ -87,7 +96,8 @@ class RayTracedShadow:
     """Which points a light reaches, by rays: one to its middle, or `AREA_RAYS` with the filter `area`.
 
     Rays start a little off the surface, so that it does not shadow itself, and end as far before the light, so that a
-    light on a surface is not shadowed by it. Points that face away from the light are in their own shadow.
+    light on a surface is not shadowed by it. Points that face away from the light are in their own shadow. Only points
+    that a caster may stand before are traced.
     """
 
     def __init__(
@@ -111,26 +121,66 @@ class RayTracedShadow:
             area_rays: of each point, with the filter `area`.
         """
         self._launcher, self._light, self._casters = launcher, light, casters
-        self._receiver_extent = float(np.abs(receiver_bounds).max())
+        self._receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
+        self._receiver_extent = float(np.abs(self._receivers).max())
+        self._tiles = CasterTiles(launcher, 1 if isinstance(light, DistantLight) else 6, _MASK_SIZE)
+        self._placed = None
         if light.shadow_filter == "area":
             self._disk = launcher.array(spiral(area_rays).astype(np.float32), "shadow_filter", dtype=wp.vec3)
 
     def update(self, time: float) -> None:
         """Places the light as at a time code."""
-        light, casters = self._light, self._casters
+        state = self._casters.version, self._light.transform_at(time).tobytes()
+        if state == self._placed:
+            return
+        self._placed = state
         # A receiver is to clear its own triangles; others may be far larger, like a sky around the set.
         self._offset = round_off(self._receiver_extent)
-        if isinstance(light, DistantLight):
-            past_all = -4.0 * max(casters.extent, self._receiver_extent) * light.direction_at(time)
-            self._homogeneous = wp.vec4(*past_all.tolist(), 0.0)
-            self._near, self._far = 0.0, float(np.inf)
-            # As wide in the sky as the light, seen from the set.
-            self._radius = float(np.linalg.norm(past_all) * np.sin(np.radians(min(0.5 * light.angle, 80.0))))
+        if isinstance(self._light, DistantLight):
+            self._place_distant(time)
         else:
-            self._homogeneous = wp.vec4(*(light.position_at(time) - casters.origin).tolist(), 1.0)
-            self._near = max(light.shadow_near or 0.0, self._offset)
-            self._far = float(np.inf) if light.shadow_far is None else light.shadow_far
-            self._radius = float(light.radius)
+            self._place_point(time)
+
+    def _place_distant(self, time: float) -> None:
+        direction = self._light.direction_at(time)
+        past_all = -4.0 * max(self._casters.extent, self._receiver_extent) * direction
+        self._homogeneous = wp.vec4(*past_all.tolist(), 0.0)
+        self._near, self._far = 0.0, float(np.inf)
+        # As wide in the sky as the light, seen from the set.
+        sine = min(np.sin(np.radians(min(0.5 * self._light.angle, 80.0))), _WIDEST_SINE)
+        self._radius = float(np.linalg.norm(past_all) * sine)
+
+        frame = coverage.frame_along(direction)
+        found = self._boxes(np.append(-direction, 0.0))
+        corners = coverage.box_corners(np.concatenate([found, self._receivers])).reshape(-1, 3) @ frame.T
+        if self._light.shadow_filter == "area":
+            found = _grown(found, np.ptp(corners[:, 2]) * sine / np.sqrt(1.0 - sine**2))
+        corners = coverage.box_corners(found).reshape(-1, 3) @ frame.T if len(found) else np.zeros((1, 3))
+        lower, upper = corners.min(axis=0), corners.max(axis=0)
+        width = max(1.001 * float((upper - lower)[:2].max()), self._offset)
+        corner = 0.5 * (lower + upper)[:2] - 0.5 * width
+        tiles = coverage.covered_tiles(coverage.flat_rectangles(found, frame, corner, width), _MASK_SIZE)
+        self._tiles.place(tiles, frame[None], 0.5 * (lower + upper) @ frame, 0.5 * width, False)
+
+    def _place_point(self, time: float) -> None:
+        light = self._light
+        position = light.position_at(time) - self._casters.origin
+        self._homogeneous = wp.vec4(*position.tolist(), 1.0)
+        self._near = max(light.shadow_near or 0.0, self._offset)
+        self._far = float(np.inf) if light.shadow_far is None else light.shadow_far
+        self._radius = float(light.radius)
+
+        found = self._boxes(np.append(position, 1.0))
+        if light.shadow_filter == "area":
+            nearest = float(coverage.nearest_distance(self._receivers, position).min())
+            sine = min(self._radius / max(nearest, 1e-30), _WIDEST_SINE)
+            found = _grown(found, self._radius / np.sqrt(1.0 - sine**2))
+        tiles = coverage.covered_tiles(coverage.cube_rectangles(found, position), _MASK_SIZE)
+        self._tiles.place(tiles, coverage.CUBE_FRAMES, position, 1.0, True)
+
+    def _boxes(self, light: np.ndarray) -> np.ndarray:
+        """Boxes of what may stand between the receivers and the light, [n, 2, 3]."""
+        return _grown(self._casters.boxes_behind_which(self._receivers, light, self._offset), self._offset)
 
     def visibility(self, points: wp.array, normals: wp.array, visibility_out: wp.array) -> None:
         """Writes the share of light from 0 to 1 that reaches each point.
@@ -141,9 +191,13 @@ class RayTracedShadow:
             visibility_out: [n].
         """
         rays = (self._offset, self._near, self._far, points, normals, visibility_out)
-        mesh, count = self._casters.mesh.id, len(points)
+        where, count = (self._casters.mesh.id, self._tiles.mask, self._homogeneous), len(points)
         if self._light.shadow_filter == "area":
-            args = (mesh, self._homogeneous, self._radius, self._disk, *rays)
-            self._launcher.launch_each(_trace_disks, count, *args)
+            self._launcher.launch_each(_trace_disks, count, *where, self._radius, self._disk, *rays)
         else:
-            self._launcher.launch_each(_trace_points, count, mesh, self._homogeneous, *rays)
+            self._launcher.launch_each(_trace_points, count, *where, *rays)
+
+
+def _grown(boxes: np.ndarray, reach: float) -> np.ndarray:
+    """Boxes [n, 2, 3] that hold all within reach."""
+    return boxes + reach * np.array([[-1.0], [1.0]])

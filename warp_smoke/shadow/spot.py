@@ -3,7 +3,7 @@
 import numpy as np
 
 from warp_smoke.shadow.coverage import cone_rectangles, frame_along
-from warp_smoke.shadow.point_map import PointMapShadow
+from warp_smoke.shadow.point_shadow import PointMapShadow
 
 
 class SpotShadow(PointMapShadow):
