@@ -9,6 +9,7 @@ from results import SET, write_all
 import warp_smoke as ws
 from warp_smoke.record import FieldError
 from warp_smoke.usd.material import BakeResult, VertexBakeResult
+from warp_smoke.usd.validate import validate_stage
 from warp_smoke.usd.write import write_results
 
 FLOOR, BAKED, GREY = "/World/Floor", "/World/Looks/Floor_baked", "/World/Looks/Grey"
@@ -115,6 +116,22 @@ def test_texture_coordinates_have_the_name_they_have(tmp_path):
     source.write_text(SET.replace("primvars:st", "primvars:UVMap"))
     stage = Usd.Stage.Open(str(write_all(source, tmp_path / "out").root))
     assert stage.GetAttributeAtPath(f"{BAKED}/st.inputs:varname").Get() == "UVMap"
+
+
+def test_coordinates_outside_the_unit_square_get_a_set_for_the_bake(tmp_path):
+    """The baked look reads `st_bake`, made of the mesh's own by its interpolation; who reads the mesh finds its own."""
+    source, uvs = tmp_path / "user.usda", "[(0, 0), (1, 0), (1, 1), (0, 1)]"
+    tiled = SET.replace(uvs, "[(-1, 2), (3, 2), (3, 4), (-1, 4)]").replace("primvars:st", "primvars:uv")
+    source.write_text(tiled)
+    root = write_all(source, tmp_path / "out").root
+    stage = Usd.Stage.Open(str(root))
+    assert stage.GetAttributeAtPath(f"{BAKED}/st.inputs:varname").Get() == "st_bake"
+    primvar = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath(FLOOR)).GetPrimvar("st_bake")
+    np.testing.assert_array_equal(primvar.Get(), [(0, 0), (1, 0), (1, 1), (0, 1)])
+    assert primvar.GetInterpolation() == "vertex"
+    (own,) = {surface.mesh.uvs.max() for surface in ws.Scene.open(root).surfaces}
+    assert own == 4.0
+    assert not [problem for problem in validate_stage(root) if problem.severity == "error"]
 
 
 def test_pictures_need_texture_coordinates(tmp_path, set_stage):

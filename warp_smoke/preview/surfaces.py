@@ -37,8 +37,6 @@ class SurfaceActor:
         self._poly = pv.PolyData.from_regular_faces(corners, np.arange(len(corners)).reshape(-1, 3))
         if mesh.normals is not None:
             self._poly.point_data.active_normals = mesh.normals_at(time).reshape(-1, 3)
-        if mesh.uvs is not None:
-            self._poly.point_data.active_texture_coordinates = mesh.uvs.reshape(-1, 2)
         self.actor = pv.Actor(mapper=pv.DataSetMapper(self._poly))
         self.actor.mapper.scalar_visibility = False
         self.actor.prop.interpolation = "flat" if mesh.normals is None else "phong"
@@ -52,6 +50,7 @@ class SurfaceActor:
         self.actor.prop.lighting = True
         self.actor.mapper.scalar_visibility = False
         self.actor.texture = None
+        self._lay_over(self.surface.mesh.uvs)
         diffuse = np.asarray(material.diffuse_color)
         if material.diffuse_texture is not None and self.surface.mesh.uvs is not None:
             diffuse = np.ones(3)
@@ -78,6 +77,7 @@ class SurfaceActor:
         """Draws a baked picture as it is: [h, w, 3] or [h, w, 4] uint8 sRGB, top row first; opaque."""
         if self._changes_to(pixels, exposure):
             self._unlight()
+            self._lay_over(self.surface.bake_uvs)
             self.actor.texture = make_texture(expose_codes(pixels[..., :3], exposure), "clamp")
 
     def show_colors(self, colors: np.ndarray, exposure: float = 0.0) -> None:
@@ -90,6 +90,11 @@ class SurfaceActor:
             self.actor.mapper.SetColorModeToDirectScalars()
             self._poly.point_data.active_scalars_name = "baked"
             self.actor.mapper.scalar_visibility = True
+
+    def _lay_over(self, uvs: np.ndarray | None) -> None:
+        """Draws textures over texture coordinates at the triangles' corners, [m, 3, 2]."""
+        if uvs is not None:
+            self._poly.point_data.active_texture_coordinates = uvs.reshape(-1, 2)
 
     def _changes_to(self, shown: object, exposure: float) -> bool:
         """Whether what is to be drawn, and how bright, is other than what is; notes it."""

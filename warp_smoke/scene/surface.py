@@ -8,6 +8,7 @@ from warp_smoke.geometry import Mesh
 from warp_smoke.material import Material
 from warp_smoke.record import FieldError, Record, Samples, one_of, read_only, switch, whole
 from warp_smoke.scene.prim import Prim
+from warp_smoke.uv_fit import UvFit, fit_unit_square
 
 BAKES = ("lit", "irradiance", "visibility", "smokeShadow", "normal")
 
@@ -84,6 +85,19 @@ class Surface(Prim):
                 raise FieldError(each.path, "triangles", found, f"0…{last}, those of {self.path}")
         if self.receiver is not None and self.instancer is not None:
             raise FieldError(self.path, "receiver", self.receiver.bake, "none, for an instance of a PointInstancer")
+
+    @property
+    def bake_fit(self) -> UvFit | None:
+        """How its texture coordinates are brought into [0, 1] for baked pictures; None where they are as they are."""
+        if self.receiver is None or self.mesh.uvs is None:
+            return None
+        return fit_unit_square(self.mesh.uvs, 0.5 / self.receiver.texture_size)
+
+    @property
+    def bake_uvs(self) -> np.ndarray | None:
+        """Texture coordinates of baked pictures at each corner, [m, 3, 2] float32; None without any."""
+        fit = self.bake_fit
+        return self.mesh.uvs if fit is None else fit(self.mesh.uvs)
 
     @property
     def materials(self) -> tuple[Material, ...]:

@@ -26,9 +26,12 @@ from warp_smoke.shading.radiance import shade_irradiance, shade_light, weigh_lig
 from warp_smoke.shading.surface_points import SurfacePoints, allocate_detail, look_up_detail
 from warp_smoke.shading.texels import TexelMap
 from warp_smoke.shading.vertices import VertexMap
+from warp_smoke.uv_fit import BAKE_UVS
 
 wp.set_module_options({"enable_backward": False})
 
+# Charts beside each other may share so many of their texels when coordinates are brought into [0, 1].
+_OVERLAP_OF_ROUNDING = 0.01
 _LUMINANCE = wp.constant(wp.vec3(0.2126, 0.7152, 0.0722))  # of linear Rec. 709 RGB
 
 
@@ -211,18 +214,22 @@ def map_surface(launcher: Launcher, surface: Surface, origin: np.ndarray) -> tup
     instead = "colours at its points are baked instead of a texture"
     if uvs is None:
         return VertexMap(launcher, surface, origin), (f"{path}: no texture coordinates; {instead}",)
-    slack = 0.5 / surface.receiver.texture_size
-    if not np.all((uvs >= -slack) & (uvs <= 1.0 + slack)):
-        found = f"{uvs.min():g}…{uvs.max():g}"
-        warning = f"{path}: texture coordinates reach over {found} where a bake needs them within [0, 1]; {instead}"
-        return VertexMap(launcher, surface, origin), (warning,)
+    if not np.all(np.isfinite(uvs)):
+        return VertexMap(launcher, surface, origin), (f"{path}: texture coordinates are not finite; {instead}",)
     texels = TexelMap(launcher, surface, origin)
     if texels.count == 0:
         return VertexMap(launcher, surface, origin), (f"{path}: texture coordinates cover no area; {instead}",)
+    warnings = ()
+    if surface.bake_fit is not None:
+        reach = f"{path}: texture coordinates reach over {uvs.min():g}…{uvs.max():g}"
+        if texels.overlapping > _OVERLAP_OF_ROUNDING * texels.count:
+            warning = f"{reach} and overlap in {texels.overlapping} of {texels.count} texels; {instead}"
+            return VertexMap(launcher, surface, origin), (warning,)
+        warnings = (f"{reach}; the bake has its own within [0, 1], primvars:{BAKE_UVS}",)
     if texels.overlapping:
         warning = f"{path}: texture coordinates overlap in {texels.overlapping} of {texels.count} texels"
-        return texels, (f"{warning}; these show only the first of the triangles there",)
-    return texels, ()
+        warnings += (f"{warning}; these show only the first of the triangles there",)
+    return texels, warnings
 
 
 def usable_materials(surface: Surface, places: TexelMap | VertexMap) -> tuple[tuple[Material, ...], tuple]:

@@ -20,7 +20,8 @@ class TexelMap:
     """The texels that show a surface with texture coordinates.
 
     A texel belongs to the triangle under its centre; one whose square only touches a chart stands for the chart's
-    nearest point. Pictures have their first row at the top (v = 1).
+    nearest point. Texture coordinates that leave [0, 1] are brought into it. Pictures have their first row at the top
+    (v = 1).
 
     Attributes:
         count: number of texels n.
@@ -28,7 +29,7 @@ class TexelMap:
         points: in set space, [n] vec3.
         normals: unit surface normals, [n] vec3.
         tangents: and signs, [n] vec4 (see `tangents`); one element if none of the surface's materials needs them.
-        uvs: texture coordinates, [n, 2] float32 on the host.
+        uvs: the surface's own texture coordinates, [n, 2] float32 on the host.
         material: index into the surface's materials, [n] int32 on the host.
         overlapping: texels that several triangles share; they show the first.
     """
@@ -38,7 +39,7 @@ class TexelMap:
         self._launcher, self._surface, self._origin = launcher, surface, origin
         self._placement = Placement(surface)
         self.size = surface.receiver.texture_size
-        coverage = cover_texels(mesh.uvs, self.size)
+        coverage = cover_texels(surface.bake_uvs, self.size)
         self.count, self.overlapping = len(coverage.texel), coverage.overlapping
         weights = coverage.weights.astype(np.float32)
         a, b, c = mesh.uvs[coverage.triangle].transpose(1, 0, 2)

@@ -5,7 +5,8 @@ of the DCC may add to it. A collection inside the variant `baked` of the variant
 binds it; the variant `dcc` is empty and shows the stage as the user made it. The collection sits on an ancestor and is
 stronger than descendants, because a direct binding in a variant would be weaker than the user's own.
 
-Every picture is also named on its receiver, `asset smokeBaked:<bake>`, where a script or a shader network finds it. A
+Every picture is also named on its receiver, `asset smokeBaked:<bake>`, where a script or a shader network finds it. It
+lies over the mesh's own texture coordinates, or, where these leave [0, 1], over `primvars:st_bake`, made of them. A
 mesh without UVs carries primvars instead: `smokeLit`, `smokeVisibility`, `smokeShadow` and so on.
 """
 
@@ -13,11 +14,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from warp_smoke.record import FieldError, Record, one_of
 from warp_smoke.scene import BAKES, Surface
 from warp_smoke.usd.prims import check_frames, editable, free_path, set_over_time, uv_primvar
+from warp_smoke.uv_fit import BAKE_UVS, UvFit
 
 VARIANT_SET = "smokeLook"
 BAKED_LOOK, OWN_LOOK = "baked", "dcc"
@@ -114,13 +116,14 @@ def _show(picture: UsdShade.Shader, uv: UsdShade.Shader, color_space: str, wrap:
 
 
 def _define_pictures(receiver: Usd.Prim, bake: BakeResult) -> None:
+    name = _define_uvs(receiver, bake.surface.bake_fit)
     attribute = receiver.CreateAttribute(f"{BAKED_NAMESPACE}:{bake.bake}", Sdf.ValueTypeNames.Asset, True)
     set_over_time(attribute, bake.files)
     if bake.bake != "lit":
         return
     material = _define_emitter(receiver)
     uv = _define_shader(material, "st", "UsdPrimvarReader_float2")
-    uv.CreateInput("varname", Sdf.ValueTypeNames.String).Set(_uv_name(receiver))
+    uv.CreateInput("varname", Sdf.ValueTypeNames.String).Set(name)
     picture = _define_shader(material, "lit", "UsdUVTexture")
     set_over_time(picture.CreateInput("file", Sdf.ValueTypeNames.Asset).GetAttr(), bake.files)
     _show(picture, uv, "sRGB", "clamp")
@@ -154,12 +157,19 @@ def _define_primvar(receiver: Usd.Prim, bake: VertexBakeResult) -> None:
     _bind(receiver, material)
 
 
-def _uv_name(mesh: Usd.Prim) -> str:
-    """The name of a mesh's texture coordinates."""
+def _define_uvs(mesh: Usd.Prim, fit: UvFit | None) -> str:
+    """The name of the texture coordinates that pictures lie over: a mesh's own, or `st_bake`, which is made of them."""
     primvar = uv_primvar(mesh)
     if primvar is None:
         raise ValueError(f"{mesh.GetPath()}: has baked pictures but no texture coordinates to show them with")
-    return primvar.GetPrimvarName()
+    if fit is None:
+        return primvar.GetPrimvarName()
+    kind = Sdf.ValueTypeNames.TexCoord2fArray
+    fitted = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(BAKE_UVS, kind, primvar.GetInterpolation())
+    fitted.Set(Vt.Vec2fArray.FromNumpy(fit(primvar.Get())))
+    if primvar.IsIndexed():
+        fitted.SetIndices(primvar.GetIndices())
+    return BAKE_UVS
 
 
 def _define_emitter(receiver: Usd.Prim) -> UsdShade.Material:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pxr import Sdf, Usd, UsdGeom
 
 from warp_smoke.record import FieldError
+from warp_smoke.uv_fit import BAKE_UVS
 
 PAIRS = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]", "double2[]", "half2[]")
 
@@ -61,10 +62,10 @@ def set_over_time(attribute: Usd.Attribute, value: object) -> None:
 
 
 def uv_primvar(mesh: Usd.Prim) -> UsdGeom.Primvar | None:
-    """A mesh's texture coordinates: the primvar `st`, else the first with pairs of numbers, None if there is none."""
+    """A mesh's own texture coordinates: the primvar `st`, else the first with pairs of numbers, None without any."""
     primvars = [
         primvar
         for primvar in UsdGeom.PrimvarsAPI(mesh).FindPrimvarsWithInheritance()
-        if primvar.HasValue() and str(primvar.GetTypeName()) in PAIRS
+        if primvar.HasValue() and str(primvar.GetTypeName()) in PAIRS and primvar.GetPrimvarName() != BAKE_UVS
     ]
     return next((one for one in primvars if one.GetPrimvarName() == "st"), primvars[0] if primvars else None)
