@@ -29,8 +29,10 @@ import warp as wp
 wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
 wp.set_module_options({"enable_backward": False})
 
-# Below this many cells (items for list kernels, which cost more each) the fork and join costs more than it saves.
+# Below this many cells (queries of a mesh, items for list kernels: they cost more each) the fork and join costs more
+# than it saves.
 _CELLS_WORTH_A_THREAD = 16384
+_QUERIES_WORTH_A_THREAD = 256
 _ITEMS_WORTH_A_THREAD = 1024
 
 
@@ -190,6 +192,12 @@ class Launcher:
         ni, nj, nk = shape
         run = max(nk, 1) if self.device.is_cpu else 1
         self._launch(kernel, ni, (nj, -(-nk // run)), run, nj * nk / _CELLS_WORTH_A_THREAD, args)
+
+    def launch_queries(self, kernel: wp.Kernel, shape: tuple[int, int, int], *args) -> None:
+        """Like `launch`, for kernels that query a mesh at each cell: fewer cells are worth a thread."""
+        ni, nj, nk = shape
+        run = max(nk, 1) if self.device.is_cpu else 1
+        self._launch(kernel, ni, (nj, -(-nk // run)), run, nj * nk / _QUERIES_WORTH_A_THREAD, args)
 
     def launch_each(self, kernel: wp.Kernel, count: int, *args) -> None:
         """Runs a list kernel, one thread an item; its first parameter, Rows, is filled in."""

@@ -209,6 +209,6 @@ class PointVoxels:
         spheres = (self._centres, self._radii, self._scale, self._velocity)
         unread = [self.fraction] * 3  # where velocity goes if there is none
         args = (*place, *spheres, int(self.moves), self.fraction, *(velocity or unread))
-        self._launcher.launch(_fill, self.shape, *args)
+        self._launcher.launch_queries(_fill, self.shape, *args)
         if self.moves:
             self.velocity = tuple(velocity)

@@ -80,37 +80,33 @@ def _voxelize(
     near: float,
     far: float,
     closed: int,
+    below: int,
     fraction_out: wp.array3d[float],
 ):
     """Share of each cell behind the plane at (signed distance − margin) from its centre.
 
-    Cells farther than `near` from the surface are 0 or 1; in closed meshes those nearer to the last cell than its
-    surface are the same as it.
+    Cells farther than `near` from the surface are 0 or 1. In a closed mesh those more than a cell away from it are what
+    the cell before is, for the surface does not pass between them; rows start outside if it does not reach `below`.
     """
     i, j, c = wp.tid()
     i += rows.first
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, fraction_out.shape[2])
-    reach = far
+    start = wp.max(c * rows.run, 0)
+    end = wp.min(start + rows.run, fraction_out.shape[2])
+    inside = wp.float32(0.0)
+    k = start
     while k < end:
+        reach = wp.max(near, 1.01)
+        if closed == 0 or (k == start and (k > 0 or below != 0)):
+            reach = far
         centre = wp.vec3(float(lower[0] + i) + 0.5, float(lower[1] + j) + 0.5, float(lower[2] + k) + 0.5)
         query = wp.mesh_query_point_sign_winding_number(mesh, centre, reach, ACCURACY)
-        distance = far
-        share = wp.float32(0.0)
-        if query.result:
-            distance = wp.length(centre - wp.mesh_eval_position(mesh, query.face, query.u, query.v))
-            share = wp.where(query.sign < 0.0, 1.0, 0.0)
-            if distance < near:
-                share = _share_inside(mesh, query, centre, margin)
+        if query.result or closed == 0:
+            inside = wp.where(query.result and query.sign < 0.0, 1.0, 0.0)
+        share = inside
+        if query.result and wp.length(centre - wp.mesh_eval_position(mesh, query.face, query.u, query.v)) < near:
+            share = _share_inside(mesh, query, centre, margin)
         fraction_out[i, j, k] = share
         k += 1
-        skipped = wp.where(closed != 0, int(wp.max(distance - near, 0.0)), 0)
-        # The surface is no farther from the next cell than from this one, and the way between them.
-        reach = wp.min(distance + float(skipped) + 1.01, far)
-        while skipped > 0 and k < end:
-            fraction_out[i, j, k] = share
-            k += 1
-            skipped -= 1
 
 
 @wp.kernel
@@ -157,8 +153,8 @@ def fill_fraction(
         closed: whether the mesh is closed, so that its sign changes at its surface alone.
         fraction: over the box, written.
     """
-    args = (margin, margin + _HALF_DIAGONAL, far, int(closed), fraction)
-    launcher.launch(_voxelize, fraction.shape, mesh, lower, *args)
+    args = (margin, margin + _HALF_DIAGONAL, far, int(closed), int(lower[2] == 0), fraction)
+    launcher.launch_queries(_voxelize, fraction.shape, mesh, lower, *args)
 
 
 class MeshVoxels(LatticeMesh):
@@ -166,39 +162,51 @@ class MeshVoxels(LatticeMesh):
 
     Attributes:
         fraction: share of each cell of the box inside, [*shape], 0 to 1; says nothing where the box has no cells.
-        velocity: u, v, w of the mesh along the lattice's axes at the cells of the box, each [*shape] [m/s]: where it
-            deforms, of the closest point of the surface near it, elsewhere of the motion as a whole; None if the mesh
-            never moves.
     """
 
     def __init__(self, launcher: Launcher, lattice: Lattice, prim: Emitter | Collider, label: str, margin: float = 0.0):
         """Makes the mesh known; `update` fills the cells. Arguments as for `LatticeMesh`."""
         super().__init__(launcher, lattice, prim, label, margin)
-        self.fraction, self.velocity = None, None
-        self._storage = ()  # room for fraction, and u, v, w if it moves, as large as the largest box so far
+        self.fraction = self._velocity = None
+        self._storage = self._velocity_storage = ()  # room for fraction, and for u, v, w, as large as the largest box
 
     def update(self, start: float, end: float, seconds: float) -> bool:
         """Voxelises the mesh as it stands at `end`; arguments and result as for `LatticeMesh.update`."""
         changed = super().update(start, end, seconds)
+        if changed:
+            self._velocity = None
         if changed and 0 not in self.shape:
-            self._fill()
+            (self.fraction,), self._storage = self._views(self._storage, 1)
+            place = (self._mesh.id, wp.vec3i(*self.lower))
+            fill_fraction(self._launcher, *place, self._margin, self._far(), self._closed, self.fraction)
         return changed
 
-    def _fill(self) -> None:
-        """Queries the mesh at the cells of the box."""
-        count = prod(self.shape)
-        if not self._storage or count > self._storage[0].size:
-            arrays = 4 if self.moves else 1
-            self._storage = tuple(self._launcher.zeros(count, self._label) for _ in range(arrays))
-        self.fraction, *views = (array[:count].reshape(self.shape) for array in self._storage)
+    def _views(self, storage: tuple, count: int) -> tuple[list[wp.array], tuple]:
+        """Arrays over the box, in storage that grows with it; and the storage."""
+        cells = prod(self.shape)
+        if not storage or cells > storage[0].size:
+            storage = tuple(self._launcher.zeros(cells, self._label) for _ in range(count))
+        return [array[:cells].reshape(self.shape) for array in storage], storage
+
+    @property
+    def velocity(self) -> tuple[wp.array, wp.array, wp.array]:
+        """u, v, w of the mesh along the lattice's axes at the cells of the box, each [*shape] [m/s].
+
+        Where it deforms that of the closest point of the surface near it, elsewhere that of the motion as a whole.
+        Measured when it is first asked for after an update.
+        """
+        if self._velocity is None:
+            self._velocity = self._measure_velocity()
+        return self._velocity
+
+    def _measure_velocity(self) -> tuple[wp.array, wp.array, wp.array]:
+        components, self._velocity_storage = self._views(self._velocity_storage, 3)
+        reach = self._margin + _HALF_DIAGONAL if self._prim.mesh.deforms else 0.0
+        centre, mean, gradient = self._motion()
+        motion = wp.vec3(*centre), wp.vec3(*mean), wp.mat33(*gradient.ravel())
         place = (self._mesh.id, wp.vec3i(*self.lower))
-        fill_fraction(self._launcher, *place, self._margin, self._far(), self._closed, self.fraction)
-        if self.moves:
-            reach = self._margin + _HALF_DIAGONAL if self._prim.mesh.deforms else 0.0
-            centre, mean, gradient = self._motion()
-            motion = wp.vec3(*centre), wp.vec3(*mean), wp.mat33(*gradient.ravel())
-            self._launcher.launch(_measure_velocity, self.shape, *place, reach, *motion, *views)
-            self.velocity = tuple(views)
+        self._launcher.launch_queries(_measure_velocity, self.shape, *place, reach, *motion, *components)
+        return tuple(components)
 
     def volume_ratio(self) -> float:
         """The volume of the mesh over that of its cells: what their shares are off by, a few per cent.

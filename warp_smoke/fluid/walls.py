@@ -273,14 +273,14 @@ class MeshWalls(LatticeMesh):
         for axis, (crossed, speed) in enumerate(zip(self.crossed, self._speed, strict=True)):
             a, b = (n for other, n in enumerate(self.shape) if other != axis)
             args = (*self._place(), axis, int(self.moves), crossed, speed)
-            self._launcher.launch(_cross_faces, (a, b, self.shape[axis] + 1), *args)
+            self._launcher.launch_queries(_cross_faces, (a, b, self.shape[axis] + 1), *args)
 
     def _fill(self) -> None:
         if not self._closed or self._margin > 0.0:
             fill_fraction(self._launcher, *self._place(), self._margin, self._far(), self._closed, self.fraction)
             return
         args = (*self._place(), self._far(), int(self.lower[2] == 0), *self.crossed, self.fraction)
-        self._launcher.launch(_fill_inside, self.shape, *args)
+        self._launcher.launch_queries(_fill_inside, self.shape, *args)
 
     def close(self, shares: tuple[wp.array, wp.array, wp.array]) -> None:
         """Closes the faces that the surface crosses.
@@ -303,7 +303,7 @@ class MeshWalls(LatticeMesh):
         motion = wp.vec3(*centre), wp.vec3(*mean), wp.mat33(*gradient.ravel())
         for axis, (crossed, speed, u) in enumerate(zip(self.crossed, self._speed, velocity, strict=True)):
             fields = crossed, speed, self.fraction, u
-            self._launcher.launch(_push_faces, crossed.shape, *self._place(), axis, reach, *motion, *fields)
+            self._launcher.launch_queries(_push_faces, crossed.shape, *self._place(), axis, reach, *motion, *fields)
 
     def sweep(self, seconds: float, held: wp.array) -> None:
         """Marks the cells that the surface passed over in the last update.
@@ -325,4 +325,4 @@ class MeshWalls(LatticeMesh):
         reach = float(np.linalg.norm(displacement, axis=1).max()) + 1.0 if self._prim.mesh.deforms else 0.0
         place = self._mesh.id, wp.vec3i(*lower.tolist())
         args = (*place, wp.mat33(*turn.ravel()), wp.vec3(*shift), scale, reach, held)
-        self._launcher.launch(_mark_swept, tuple((upper - lower).tolist()), *args)
+        self._launcher.launch_queries(_mark_swept, tuple((upper - lower).tolist()), *args)
