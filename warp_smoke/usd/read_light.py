@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from pxr import Usd, UsdGeom, UsdLux
 
-from warp_smoke.record import Samples, at_least
+from warp_smoke.record import VAST, Samples, at_least, finite, positive
 from warp_smoke.scene import DistantLight, Light, PointLight, SpotLight
 from warp_smoke.usd.names import LIGHT
 from warp_smoke.usd.read_smoke import read_smoke_fields, smoke_names
@@ -27,6 +27,9 @@ WITHOUT_EFFECT = {
     "inputs:shadow:distance": -1.0,
     "inputs:shadow:falloff": -1.0,
 }
+
+# Of exposure: more would take any intensity beyond single precision.
+MOST_STOPS = 100.0
 
 
 def is_ambient(prim: Usd.Prim) -> bool:
@@ -108,20 +111,24 @@ def _members(collection: Usd.CollectionAPI, paths: Sequence[str]) -> tuple[str, 
 
 
 def _read_color(reader: StageReader, prim: Usd.Prim) -> tuple[float, ...]:
-    color = reader.still(prim.GetAttribute(LIGHT["color"]))
+    path = str(prim.GetPath())
+    color = finite(path, "color", reader.still(prim.GetAttribute(LIGHT["color"])), shape=(3,))
     if not reader.still(prim.GetAttribute("inputs:enableColorTemperature")):
         return color
-    kelvin = reader.still(prim.GetAttribute("inputs:colorTemperature"))
+    temperature = "inputs:colorTemperature"
+    kelvin = positive(path, temperature, reader.still(prim.GetAttribute(temperature)))
     tint = UsdLux.BlackbodyTemperatureAsRgb(kelvin)
     return tuple(shortest_decimal(a * b) for a, b in zip(color, tint, strict=True))
 
 
 def _read_intensity(reader: StageReader, prim: Usd.Prim) -> float | Samples:
     attributes = [prim.GetAttribute(name) for name in (LIGHT["intensity"], "inputs:exposure")]
+    path = str(prim.GetPath())
 
     def at(time: float) -> float:
         intensity, exposure = (value_of(attribute, time) for attribute in attributes)
-        return shortest_decimal(intensity * 2.0**exposure)
+        stops = finite(path, "inputs:exposure", exposure, largest=MOST_STOPS)
+        return shortest_decimal(finite(path, "intensity", intensity, largest=VAST) * 2.0**stops)
 
     return reader.over_time(reader.sample_times(attributes), at)
 

@@ -7,6 +7,7 @@ import numpy as np
 from pxr import Ar, Sdf, Usd, UsdGeom, UsdShade
 
 from warp_smoke.geometry import Mesh
+from warp_smoke.record import finite, positive
 from warp_smoke.scene import Material, MaterialSubset, Procedural, Texture
 from warp_smoke.usd.names import MATERIAL, PROCEDURAL, TEXTURE, TRANSFORM_2D, smoke_attribute
 from warp_smoke.usd.reader import StageReader, shortest_decimal
@@ -106,7 +107,7 @@ class MaterialReader:
             if source and (_is_output(source) or self._reader.still(source) != value):
                 self._reader.warn(surface.GetPrim(), f"inputs:{name} is not supported; it has no effect")
 
-        values = {name: self._value(surface, name) for name in PREVIEW_SURFACE}
+        values = self._read_values(surface)
         textures = {field: self._texture_on(surface, name) for name, field in TEXTURED.items()}
         for name, (field, without) in RELIEF.items():
             textures[field] = self._texture_on(surface, name)
@@ -170,6 +171,15 @@ class MaterialReader:
             self._reader.warn(surface.GetPrim(), text)
         if texture.color_space == "sRGB":
             self._reader.warn(surface.GetPrim(), "the normal map is marked as sRGB; directions are stored raw")
+
+    def _read_values(self, surface: UsdShade.Shader) -> dict[str, float | tuple[float, ...]]:
+        """The numbers of a `UsdPreviewSurface`."""
+        path, values = str(surface.GetPath()), {}
+        with self._reader.naming(path, {}):
+            for name, fallback in PREVIEW_SURFACE.items():
+                check = positive if name == "ior" else finite
+                values[name] = check(path, f"inputs:{name}", self._value(surface, name), np.shape(fallback))
+        return values
 
     def _value(self, shader: UsdShade.Shader, name: str) -> object:
         """An input's number; where it comes from another shader, what is authored behind that, or its fallback."""

@@ -158,8 +158,9 @@ def value_of(attribute: Usd.Attribute, time: float) -> object:
 
 
 def shortest_decimal(value: float) -> float:
-    """The shortest decimal number that single precision stores as this value."""
-    return float(str(np.float32(value)))
+    """The shortest decimal number that single precision stores as this value; infinity if it is too large."""
+    with np.errstate(over="ignore"):
+        return float(str(np.float32(value)))
 
 
 def _upwards(prim: Usd.Prim) -> Iterator[Usd.Prim]:
