@@ -160,16 +160,21 @@ def test_a_folder_holds_one_result(tmp_path):
     assert digests(tmp_path / "out") == before
 
 
-def test_a_run_cut_short_leaves_no_stage(tmp_path):
-    """A second run into the same folder that stops half way takes the first one's stage with it: no mix of both."""
-    result = ws.run(plume(frames=2), tmp_path / "out")
+def test_a_run_cut_short_leaves_a_stage_of_its_own_frames(tmp_path):
+    """A second run into the same folder that stops half way leaves its own frames alone: no mix of both runs."""
+    result = ws.run(plume(frames=4), tmp_path / "out")
 
     def stop(frame):
-        raise KeyboardInterrupt
+        if frame.number == 2:
+            raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        ws.run(plume(resolution=24, frames=2), tmp_path / "out", on_frame=stop)
-    assert not result.stage.exists()
+        ws.run(plume(resolution=24, frames=4), tmp_path / "out", on_frame=stop)
+    stage = Usd.Stage.Open(str(result.stage))
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (1, 2)
+    assert not [problem for problem in validate_stage(result.stage) if problem.severity == "error"]
+    volumes = sorted((tmp_path / "out" / "volumes").iterdir())
+    assert [path.name for path in volumes] == ["Smoke.0001.vdb", "Smoke.0002.vdb"]
     assert not (tmp_path / "out" / "report.json").exists()
 
 

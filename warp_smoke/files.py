@@ -1,5 +1,6 @@
 """Files that appear under their name whole or not at all."""
 
+import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -29,6 +30,18 @@ def replacing(path: Path) -> Iterator[Path]:
         if isinstance(error, OSError):
             error.filename, error.filename2 = str(path), None  # the file that was asked for, not the hidden one
         raise
+
+
+def remove_partial(folder: Path) -> None:
+    """Removes the hidden files that `replacing` left in a folder when its process was killed."""
+    for partial in folder.glob(".*.partial.*"):
+        partial.unlink(missing_ok=True)
+
+
+def sync(path: Path) -> None:
+    """Waits until a file is on the disk, so that a power failure cannot take it back."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
 
 
 def write_text(path: Path, text: str) -> None:

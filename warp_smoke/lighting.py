@@ -138,6 +138,17 @@ class Lighting:
         self._baked = True
         return pictures
 
+    def follow(self, frames: range, densities: Mapping[str, wp.array]) -> None:
+        """Brings everything to where it is after an update at each of these frames; gives no pictures.
+
+        Args:
+            frames: that have been made.
+            densities: [nx, ny, nz] of each domain, by path; what depends on them is made again at the next frame.
+        """
+        self.update(frames[0], densities)
+        for casters in self._casters.values():
+            casters.follow(frames)
+
     def _update_receiver(self, each: ReceiverPlan, time: float) -> dict[tuple[str, str], np.ndarray]:
         due = [bake for bake, when in each.bakes.items() if when == When.FRAME or not self._baked]
         if not due:

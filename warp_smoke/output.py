@@ -1,18 +1,22 @@
-"""The output folder: frames written in the background, then the layers and the report."""
+"""The output folder: frames and checkpoints written in the background, then the layers and the report."""
 
 import json
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-from warp_smoke.files import write_png, write_text
+from warp_smoke.checkpoint import Checkpoint
+from warp_smoke.files import remove_partial, replacing, sync, write_png, write_text
+from warp_smoke.fingerprint import digest
 from warp_smoke.plan import DomainPlan, ReceiverPlan, When
 from warp_smoke.record import FieldError
 from warp_smoke.report import environment
-from warp_smoke.scene import Material, Scene
+from warp_smoke.scene import Material, Procedural, Scene
 from warp_smoke.shading.procedural import make_picture
 from warp_smoke.simulation import Frame, Simulation, Smoke
 from warp_smoke.usd.export import result_files
@@ -22,6 +26,8 @@ from warp_smoke.usd.write import RESULTS_SUFFIX, write_results
 
 # Frames that may wait to be written; more would only cost memory when the disk is slower than the simulation.
 _FRAMES_IN_HAND = 2
+# Unless it is said how often, a checkpoint is written when the last one took less than this share of the time since.
+_CHECKPOINT_SHARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -42,13 +48,37 @@ class Result:
 class Output:
     """A context in which frames are written; folders that it made and that stay empty are removed if it fails.
 
-    The stage and report of an earlier run go first and come last, so that a run that is cut short leaves no stage that
-    mixes two runs. Volumes and textures that the earlier results named and the new ones do not are removed.
+    What an earlier run left goes first, so that no stage mixes two runs. Every file appears whole or not at all. A run
+    that is cut short leaves its checkpoint, and a stage with the frames that were made by then: both are written now
+    and then (`checkpoint_every`), the stage also when an error ends the run.
     """
 
-    def __init__(self, folder: Path, name: str, simulation: Simulation):
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        simulation: Simulation,
+        fingerprint: dict[str, str],
+        checkpoint_every: int | None = None,
+        before: Checkpoint | None = None,
+    ):
+        """Prepares.
+
+        Args:
+            folder: for the results.
+            name: of the layers and the checkpoint.
+            simulation: makes the frames.
+            fingerprint: of the run.
+            checkpoint_every: frames between checkpoints; 0 = none but at an interruption, None = as often as costs
+                little.
+            before: where the run goes on from.
+        """
         self._folder, self._name, self._simulation, self._plan = folder, name, simulation, simulation.plan
-        self._began = perf_counter()
+        self._fingerprint, self._every, self._before = fingerprint, checkpoint_every, before
+        self._began = self._saved_at = perf_counter()
+        self._saves: list[Future] = []
+        self._cost = 0.0  # of the last checkpoint [s]
+        self._unsynced: list[Path] = []
         self._frames: list[dict] = []
         self._stems = _file_stems([each.domain.path for each in self._plan.domains])
         self._stems |= _file_stems([each.surface.path for each in self._plan.receivers])
@@ -61,48 +91,157 @@ class Output:
         pictures = self._plan.receivers or computed_materials(self._plan.scene)
         inside = ["volumes"] * bool(self._plan.domains) + ["textures"] * bool(pictures)
         self._made = _make_folders(self._folder, inside)
-        self._earlier = result_files(self._folder / f"{self._name}{RESULTS_SUFFIX}")
-        for earlier in (f"{self._name}.usda", f"{self._name}.results.usdc", "report.json"):
-            (self._folder / earlier).unlink(missing_ok=True)
+        for folder in (self._folder, self._folder / "volumes", self._folder / "textures"):
+            remove_partial(folder)
+        if self._before:
+            self._take_over(self._before)
+        else:
+            self._clear()
         self._pool = ThreadPoolExecutor(1, "write")
         self._waiting: list[list[Future]] = []
         return self
 
     def __exit__(self, *error) -> None:
-        self._pool.shutdown(cancel_futures=True)
+        self._pool.shutdown()
         if error[0]:
+            with suppress(OSError):  # what went wrong first is what is told
+                self._write_layers(self._whole_frames())
             for folder in reversed(self._made):
                 if not any(folder.iterdir()):
                     folder.rmdir()
 
+    def _clear(self) -> None:
+        """Removes what an earlier run left: the layers first, then what they named."""
+        layer = self._folder / f"{self._name}{RESULTS_SUFFIX}"
+        named = result_files(layer)
+        for path in (self._folder / f"{self._name}.usda", layer, self._folder / "report.json", self._checkpoint):
+            path.unlink(missing_ok=True)
+        for path in (*named, *(self._folder / "textures").glob(".*.npy")):
+            path.unlink(missing_ok=True)
+
+    def _take_over(self, before: Checkpoint) -> None:
+        """Notes the files of the frames before a checkpoint.
+
+        Raises:
+            ValueError: one of them is gone.
+        """
+        self._frames = before.report["frames"]
+        for made in self._frames:
+            number = made["frame"]
+            for each in self._plan.domains:
+                path = each.domain.path
+                self._volumes[path][number] = f"./{self._there(self._volume_file(path, number))}"
+            for each in self._plan.receivers:
+                for bake, when in each.bakes.items():
+                    if when == When.FRAME or number == self._plan.scene.start:
+                        values, picture = self._bake_files(each, bake, number)
+                        here = (self._folder / values).exists()
+                        found = np.load(self._folder / values) if here else f"./{self._there(picture)}"
+                        self._bakes.setdefault((each.surface.path, bake), {})[number] = found
+        seconds = before.report["seconds"]
+        self._began -= seconds["frames"]
+        for name, spent in seconds["passes"].items():
+            self._simulation.timings.seconds[name] += spent
+
+    def _there(self, file: str) -> str:
+        path = self._folder / file
+        if not path.exists():
+            raise FieldError(str(path), "a file of a frame before the checkpoint", "gone", "to be there; or no resume")
+        return file
+
+    @property
+    def _checkpoint(self) -> Path:
+        return self._folder / f"{self._name}.checkpoint"
+
+    def _volume_file(self, path: str, number: int) -> str:
+        return f"volumes/{self._stems[path]}.{number:04d}.vdb"
+
+    def _bake_files(self, each: ReceiverPlan, bake: str, number: int) -> tuple[str, str]:
+        """Where a bake's values at points wait for the stage, hidden; and its picture."""
+        name = f"{self._stems[each.surface.path]}.{bake}" + f".{number:04d}" * (each.bakes[bake] == When.FRAME)
+        return f"textures/.{name}.npy", f"textures/{name}.png"
+
     def write(self, frame: Frame) -> None:
         """Takes a frame's results and starts writing them."""
         started = []
+        if not self._frames:
+            started = self._write_procedurals()
         for each in self._plan.domains:
             path = each.domain.path
-            file = f"volumes/{self._stems[path]}.{frame.number:04d}.vdb"
+            file = self._volume_file(path, frame.number)
             self._volumes[path][frame.number] = f"./{file}"
-            started.append(self._pool.submit(_write_smoke, self._folder / file, each, frame.smoke[path]))
+            started.append(self._start(_write_smoke, file, each, frame.smoke[path]))
         for each in self._plan.receivers:
-            for bake, when in each.bakes.items():
+            for bake in each.bakes:
                 if (each.surface.path, bake) in frame.pictures:
                     pixels = frame.pictures[each.surface.path, bake]
-                    number = f".{frame.number:04d}" if when == When.FRAME else ""
-                    baked = f"textures/{self._stems[each.surface.path]}.{bake}{number}.png"
+                    values, picture = self._bake_files(each, bake, frame.number)
                     if pixels.dtype in (np.uint8, np.uint16):
-                        started.append(self._pool.submit(write_png, self._folder / baked, pixels))
-                        pixels = f"./{baked}"
+                        started.append(self._start(write_png, picture, pixels))
+                        pixels = f"./{picture}"
+                    else:
+                        started.append(self._start(_write_values, values, pixels))
                     self._bakes.setdefault((each.surface.path, bake), {})[frame.number] = pixels
         self._waiting.append(started)
         self._frames.append({"frame": frame.number, "domains": {path: asdict(s) for path, s in frame.steps.items()}})
         with self._simulation.timings.measure("wait_for_files"):
             self._settle(_FRAMES_IN_HAND)
+        if frame.number < self._plan.scene.end and self._is_due():
+            self._save()
+
+    def _start(self, write: Callable[..., object], file: str, *content) -> Future:
+        """Starts writing a file of the folder."""
+        self._unsynced.append(self._folder / file)
+        return self._pool.submit(write, self._folder / file, *content)
+
+    def _is_due(self) -> bool:
+        """Whether a checkpoint belongs after the frame that was just taken."""
+        if self._every is not None:
+            return self._every > 0 and len(self._frames) % self._every == 0
+        return not self._saves and self._cost < _CHECKPOINT_SHARE * (perf_counter() - self._saved_at)
+
+    def _save(self) -> None:
+        """Copies the simulation's state and starts writing the checkpoint, and a stage of the frames so far."""
+        began = self._saved_at = perf_counter()
+        with self._simulation.timings.measure("write_checkpoint"):
+            passes = dict(self._simulation.timings.seconds)
+            report = {"frames": list(self._frames), "seconds": {"frames": began - self._began, "passes": passes}}
+            fields, last = self._simulation.save(), self._frames[-1]["frame"]
+            checkpoint = Checkpoint(self._fingerprint, last, report, fields)
+        copied = perf_counter() - began
+        files, self._unsynced = self._unsynced, []
+        before = [each for started in self._waiting for each in started]
+        self._saves.append(self._pool.submit(self._write_checkpoint, checkpoint, before, files, copied))
+
+    def _write_checkpoint(self, checkpoint: Checkpoint, before: list[Future], files: list[Path], copied: float) -> None:
+        """Writes a checkpoint, once all that it counts on is on the disk, and the stage as it then is."""
+        began = perf_counter()
+        for written in before:
+            written.result()
+        for file in files:
+            sync(file)
+        checkpoint.write(self._checkpoint)
+        self._write_layers(checkpoint.frame)
+        self._cost = copied + perf_counter() - began
+
+    def stop(self) -> int:
+        """Writes a checkpoint of the frames so far, and waits for all files.
+
+        Returns:
+            The last frame.
+        """
+        self._save()
+        self._settle(0)
+        return self._frames[-1]["frame"]
 
     def _settle(self, allowed: int) -> None:
         """Waits until no more than `allowed` frames wait to be written; raises what went wrong with one."""
         while len(self._waiting) > allowed:
-            for future in self._waiting.pop(0):
+            for future in self._waiting[0]:
                 future.result()
+            del self._waiting[0]
+        while self._saves and (allowed == 0 or self._saves[0].done()):
+            self._saves.pop(0).result()
 
     def write_depth_maps(self) -> None:
         """Writes the shadow maps as they now stand, one grey picture a light: a cross of six faces for a cube map."""
@@ -120,29 +259,50 @@ class Output:
         with timings.measure("wait_for_files"):
             self._settle(0)
         with timings.measure("write_stage"):
-            volumes = [
-                VolumeResult(domain=d.domain, lattice=d.lattice, grids=d.grids, files=self._volumes[d.domain.path])
-                for d in self._plan.domains
-            ]
-            bakes = [self._bake_result(each, bake) for each in self._plan.receivers for bake in each.bakes]
-            pictures = self._write_procedurals()
-            stage = write_results(self._folder, self._name, self._plan.scene, volumes, bakes, pictures)
-            for left in self._earlier - result_files(self._folder / f"{self._name}{RESULTS_SUFFIX}"):
-                left.unlink(missing_ok=True)
+            stage = self._write_layers(self._plan.scene.end)
         report = self._report(set_up, perf_counter() - self._began)
         write_text(self._folder / "report.json", json.dumps(report, indent=2) + "\n")
+        for path in (self._checkpoint, *(self._folder / "textures").glob(".*.npy")):
+            path.unlink(missing_ok=True)
         return Result(self._folder, stage, report)
 
-    def _write_procedurals(self) -> dict[str, str]:
-        """Writes the pictures that materials ask to be computed; gives their files by the material's path."""
-        found = {material.path: material.procedural for material in computed_materials(self._plan.scene)}
-        files = {path: f"textures/{stem}.procedural.png" for path, stem in _file_stems(list(found)).items()}
-        for path, file in files.items():
-            write_png(self._folder / file, make_picture(found[path]).codes)
-        return {path: f"./{file}" for path, file in files.items()}
+    def _whole_frames(self) -> int:
+        """The last frame up to which every file is there; the one before the first if there is none."""
+        whole = [not any(each.exception() for each in started) for started in self._waiting]
+        count = whole.index(False) if False in whole else len(whole)
+        return self._plan.scene.start - 1 + len(self._frames) - len(whole) + count
 
-    def _bake_result(self, each: ReceiverPlan, bake: str) -> BakeResult | VertexBakeResult:
-        made = self._bakes[each.surface.path, bake]
+    def _write_layers(self, last: int) -> Path:
+        """Writes the stage of the frames up to one; nothing if that is before the first."""
+        scene = self._plan.scene
+        if last < scene.start:
+            return self._folder / f"{self._name}.usda"
+        volumes = [
+            VolumeResult(
+                domain=d.domain, lattice=d.lattice, grids=d.grids, files=_up_to(last, self._volumes[d.domain.path])
+            )
+            for d in self._plan.domains
+        ]
+        bakes = [self._bake_result(each, bake, last) for each in self._plan.receivers for bake in each.bakes]
+        scene = scene if last == scene.end else replace(scene, end=last)
+        pictures = {path: f"./{file}" for path, file in self._procedurals().items()}
+        return write_results(self._folder, self._name, scene, volumes, bakes, pictures)
+
+    def _procedurals(self) -> dict[str, str]:
+        """The files of the pictures that materials ask to be computed, by the material's path."""
+        paths = [material.path for material in computed_materials(self._plan.scene)]
+        return {path: f"textures/{stem}.procedural.png" for path, stem in _file_stems(paths).items()}
+
+    def _write_procedurals(self) -> list[Future]:
+        """Starts writing them."""
+        files = self._procedurals()
+        return [
+            self._start(_write_procedural, files[material.path], material.procedural)
+            for material in computed_materials(self._plan.scene)
+        ]
+
+    def _bake_result(self, each: ReceiverPlan, bake: str, last: int) -> BakeResult | VertexBakeResult:
+        made = _up_to(last, self._bakes[each.surface.path, bake])
         first = next(iter(made.values()))
         made = made if each.bakes[bake] == When.FRAME else first
         if isinstance(first, str):
@@ -162,6 +322,8 @@ class Output:
             "device_bytes": sum(launcher.allocated.values()),
             "seconds": seconds,
             "warnings": [*scene.warnings, *self._plan.warnings, *self._simulation.warnings],
+            "resumed_after": self._before.frame if self._before else None,
+            "fingerprint": digest(self._fingerprint),
             "frames": self._frames,
         }
 
@@ -175,6 +337,19 @@ def computed_materials(scene: Scene) -> list[Material]:
 def _write_smoke(path: Path, each: DomainPlan, smoke: Smoke) -> int:
     fields = (smoke.density, smoke.temperature, smoke.velocity, smoke.light)
     return write_volume(path, each.domain, each.lattice, *fields)
+
+
+def _write_values(path: Path, values: np.ndarray) -> None:
+    with replacing(path) as partial:
+        np.save(partial, values)
+
+
+def _write_procedural(path: Path, procedural: Procedural) -> None:
+    write_png(path, make_picture(procedural).codes)
+
+
+def _up_to(last: int, by_frame: dict) -> dict:
+    return {number: value for number, value in list(by_frame.items()) if number <= last}  # others are still added
 
 
 def _file_stems(paths: list[str]) -> dict[str, str]:

@@ -190,6 +190,26 @@ class Simulation:
             smoke = {each.domain.path: self._smoke(each, lit.get(each.domain.path)) for each in self.plan.domains}
         return Frame(number, smoke, pictures, steps)
 
+    def save(self) -> dict[str, np.ndarray]:
+        """Copies all that later frames depend on to the host, by name; see `load`."""
+        return {
+            f"{path} {name}": values for path, solver in self._solvers.items() for name, values in solver.save().items()
+        }
+
+    def load(self, frame: int, saved: Mapping[str, np.ndarray]) -> None:
+        """Goes on from what `save` gave, before the first step; what follows is the same to the bit.
+
+        Args:
+            frame: the last one that was made then.
+            saved: by a simulation of the same scene.
+        """
+        for path, solver in self._solvers.items():
+            mine = {name.removeprefix(f"{path} "): each for name, each in saved.items() if name.startswith(f"{path} ")}
+            solver.load(mine, self.plan.scene.start)
+        densities = {path: solver.state.density for path, solver in self._solvers.items()}
+        self._lighting.follow(range(self.plan.scene.start, frame + 1), densities)
+        self.frame = frame
+
     def _smoke(self, each: DomainPlan, light: np.ndarray | None) -> Smoke:
         state = self._solvers[each.domain.path].state
         density = temperature = velocity = None

@@ -1,0 +1,85 @@
+"""What the results of a run depend on, as flat text: two runs can be compared, and the first difference named."""
+
+import platform
+from dataclasses import fields
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from warp_smoke.record import Record
+from warp_smoke.scene import Scene, Texture
+
+# Packages whose arithmetic is in the results.
+_PACKAGES = ("warp-smoke", "warp-lang", "numpy", "scipy")
+
+
+def fingerprint(scene: Scene, device: str) -> dict[str, str]:
+    """Everything that the results of a run depend on, by name: settings as they are, arrays and files by a digest.
+
+    The stage's own place is no part of it, nor is the number of threads.
+
+    Args:
+        scene: what is run.
+        device: where.
+    """
+    found = {f"version of {name}": version(name) for name in _PACKAGES}
+    found |= {"machine": platform.machine(), "device": device.partition(":")[0]}
+    for field in fields(Scene):
+        value = getattr(scene, field.name)
+        if field.compare and isinstance(value, tuple) and all(isinstance(each, Record) for each in value):
+            found[f"scene: {field.name}"] = ", ".join(each.path for each in value)
+            for record in value:
+                _describe(found, f"{record.path}: ", record)
+        elif field.compare:
+            _describe_value(found, "scene: ", field.name, value)
+    return found
+
+
+def first_difference(before: dict[str, str], now: dict[str, str]) -> str | None:
+    """What differs between two fingerprints, in words; None if nothing does."""
+    for name in dict.fromkeys((*now, *before)):
+        was, is_now = before.get(name), now.get(name)
+        if was == is_now:
+            continue
+        if was is None:
+            return f"{name} is new"
+        if is_now is None:
+            return f"{name} is gone"
+        return f"{name} was {was} and is {is_now}"
+    return None
+
+
+def digest(found: dict[str, str]) -> str:
+    """A fingerprint in 64 characters."""
+    return sha256(repr(sorted(found.items())).encode()).hexdigest()
+
+
+def _describe(found: dict[str, str], prefix: str, record: Record) -> None:
+    found[f"{prefix}kind"] = type(record).__name__
+    for field in fields(record):
+        if field.compare:
+            _describe_value(found, prefix, field.name, getattr(record, field.name))
+
+
+def _describe_value(found: dict[str, str], prefix: str, name: str, value: object) -> None:
+    if isinstance(value, Record):
+        _describe(found, f"{prefix}{name}.", value)
+        if isinstance(value, Texture):
+            found[f"{prefix}{name}.content"] = _content(Path(value.file))
+    elif isinstance(value, tuple) and any(isinstance(each, Record) for each in value):
+        for number, each in enumerate(value):
+            _describe_value(found, prefix, f"{name}[{number}]", each)
+    elif hasattr(value, "__array__"):
+        values = np.ascontiguousarray(value)
+        found[prefix + name] = f"{values.dtype} {list(values.shape)} {sha256(values).hexdigest()[:16]}"
+    else:
+        found[prefix + name] = repr(value)
+
+
+def _content(file: Path) -> str:
+    try:
+        return sha256(file.read_bytes()).hexdigest()[:16]
+    except OSError as error:  # the bake says what it wants of it
+        return type(error).__name__
