@@ -451,3 +451,15 @@ def replace_material(scene, material):
     (surface,) = scene.surfaces
     (subset,) = surface.subsets
     return replace(scene, surfaces=[replace(surface, subsets=[replace(subset, material=material)])])
+
+
+def test_given_settings_come_back(folder):
+    """What a stage sets is known, also at its default value, and is written again; what it leaves open is not."""
+    domain = SmokeDomain(path="/Smoke", resolution=64, max_courant=2.0, given=frozenset({"resolution"}))
+    light = PointLight(path="/Lamp", shadow_filter="pcss", given=frozenset({"shadow_filter"}))
+    file = folder / "given.usda"
+    Scene(domains=[domain], lights=[light]).save(file)
+    scene = Scene.open(file)
+    assert scene.domains[0].given == {"resolution", "max_courant"}
+    assert scene.lights[0].given == {"shadow_filter"}
+    assert scene.domains[0] == domain

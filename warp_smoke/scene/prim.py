@@ -21,10 +21,12 @@ class Prim(Record):
     Attributes:
         path: prim path, unique among the scene's records of one kind.
         transform: local to world, 4 × 4 row-vector matrix in stage units; may change.
+        given: names of the fields that the stage sets, which no quality preset changes; not part of equality.
     """
 
     path: str
     transform: np.ndarray | Samples = field(default_factory=_identity)
+    given: frozenset[str] = field(default=frozenset(), compare=False)
 
     def __post_init__(self):
         if not isinstance(self.path, str) or not self.path.startswith("/"):

@@ -15,13 +15,21 @@ BAKES = ("lit", "irradiance", "visibility", "smokeShadow", "normal")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Receiver(Record):
-    """What is baked for a surface (USD: `SmokeReceiverAPI`)."""
+    """What is baked for a surface (USD: `SmokeReceiverAPI`).
+
+    Attributes:
+        bake: pictures, of `BAKES`.
+        texture_size: texels along a side.
+        receive_smoke, receive_shadow: whether shadows of smoke, and of surfaces, fall on it.
+        given: names of the fields that the stage sets, which no quality preset changes; not part of equality.
+    """
 
     path: str
     bake: tuple[str, ...] = ("lit",)
     texture_size: int = 1024
     receive_smoke: bool = True
     receive_shadow: bool = True
+    given: frozenset[str] = field(default=frozenset(), compare=False)
 
     def __post_init__(self):
         self._store("bake", tuple(dict.fromkeys(self.bake)))

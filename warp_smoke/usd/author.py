@@ -14,7 +14,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade, UsdVol, Vt
 
 from warp_smoke.geometry import Mesh, Points
 from warp_smoke.material import COLOR_TEXTURES, DATA_TEXTURES
-from warp_smoke.record import FieldError, Record, Samples, each_value
+from warp_smoke.record import FieldError, Samples, each_value
 from warp_smoke.scene import (
     ArrayCollider,
     ArrayEmitter,
@@ -25,6 +25,7 @@ from warp_smoke.scene import (
     Light,
     Material,
     Prim,
+    Receiver,
     Scene,
     SmokeDomain,
     SpotLight,
@@ -142,14 +143,14 @@ def _set(attribute: Usd.Attribute, value: object) -> None:
         attribute.Set(value)
 
 
-def _author_smoke_fields(prim: Usd.Prim, schema: str, record: Record) -> None:
-    """Applies a schema and sets what differs from the record's defaults."""
+def _author_smoke_fields(prim: Usd.Prim, schema: str, record: Prim | Receiver) -> None:
+    """Applies a schema and sets what differs from the record's defaults, or was given."""
     prim.AddAppliedSchema(schema)
     definitions = schema_attributes()[schema]
     defaults = {field.name: field.default for field in fields(record)}
     for field, name in smoke_fields(type(record), definitions).items():
         value = getattr(record, field)
-        if value != defaults[field]:
+        if value != defaults[field] or field in record.given:
             definition = definitions[name]
             _set(prim.CreateAttribute(name, definition.value_type, False, definition.variability), value)
 

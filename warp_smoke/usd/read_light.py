@@ -71,7 +71,8 @@ def read_light(reader: StageReader, prim: Usd.Prim) -> Light | None:
             for name in ("cone_angle", "cone_softness", "focus"):
                 fields[name] = reader.still(prim.GetAttribute(LIGHT[name]))
         if "SmokeLightAPI" in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
-            fields |= read_smoke_fields(reader, prim, "SmokeLightAPI", record)
+            smoke = read_smoke_fields(reader, prim, "SmokeLightAPI", record)
+            fields |= smoke | {"given": frozenset(smoke)}
         return record(path=reader.path(prim), transform=reader.transform(prim), **fields)
 
 

@@ -24,7 +24,8 @@ def read_domain(reader: StageReader, prim: Usd.Prim) -> SmokeDomain:
     with reader.naming(prim.GetPath(), names):
         lower, upper = _read_box(reader, prim)
         fields = read_smoke_fields(reader, prim, "SmokeDomainAPI", SmokeDomain)
-        return SmokeDomain(path=reader.path(prim), transform=reader.transform(prim), lower=lower, upper=upper, **fields)
+        place = {"path": reader.path(prim), "transform": reader.transform(prim), "lower": lower, "upper": upper}
+        return SmokeDomain(**place, given=frozenset(fields), **fields)
 
 
 def read_emitter(reader: StageReader, prim: Usd.Prim, mesh: Mesh | Points) -> Emitter:
@@ -56,7 +57,8 @@ def read_receiver(reader: StageReader, prim: Usd.Prim) -> Receiver:
         ValueError: one line naming file, prim and attribute.
     """
     with reader.naming(prim.GetPath(), smoke_names("SmokeReceiverAPI", Receiver)):
-        return Receiver(path=reader.path(prim), **read_smoke_fields(reader, prim, "SmokeReceiverAPI", Receiver))
+        fields = read_smoke_fields(reader, prim, "SmokeReceiverAPI", Receiver)
+        return Receiver(path=reader.path(prim), given=frozenset(fields), **fields)
 
 
 def read_smoke_fields(reader: StageReader, prim: Usd.Prim, schema: str, record: type[Record]) -> dict[str, object]:
