@@ -6,10 +6,9 @@ which the pressure takes out again, so it may be left out. Forces and pressure a
 far, and closing it off at a box around the smoke would change the flow inside.
 """
 
-from collections.abc import Iterable
 from math import ceil
 
-from warp_smoke.fluid.grid import Box
+from warp_smoke.fluid.grid import Box, hull
 
 # Air that is faster than this share of the fastest always moves along.
 FAST = 0.25
@@ -18,15 +17,6 @@ _LEAST_MARGIN, _MARGIN = 4, 0.5
 # Cells that samples reach beyond the end of their trace.
 _STENCIL = 2
 _ALIGNMENT = 8
-
-
-def hull(boxes: Iterable[Box | None]) -> Box | None:
-    """The smallest box around several; None if there are none."""
-    some = [box for box in boxes if box is not None]
-    if not some:
-        return None
-    lowers, uppers = zip(*some, strict=True)
-    return Box(tuple(map(min, zip(*lowers, strict=True))), tuple(map(max, zip(*uppers, strict=True))))
 
 
 def fit_boxes(smoke: Box | None, fast: Box | None, courant: float, shape: tuple[int, int, int]) -> tuple[Box, Box]:

@@ -18,8 +18,8 @@ class ArrayWalls:
 
     Attributes:
         moves: whether it ever does.
-        lower, shape: all cells of the lattice.
-        fraction: 1 in solid cells, else 0, [nx, ny, nz].
+        lower, shape: first cell and cells of the box around the solid cells; (0, 0, 0) where there are none.
+        fraction: 1 in solid cells of the box, else 0, [*shape].
     """
 
     def __init__(self, launcher: Launcher, lattice: Lattice, collider: ArrayCollider):
@@ -31,8 +31,8 @@ class ArrayWalls:
             collider: has the distance.
         """
         self._lattice, self._collider = lattice, collider
-        self.moves, self.lower, self.shape = collider.moves, (0, 0, 0), lattice.shape
-        self.fraction = launcher.zeros(lattice.shape, "colliders")
+        self.moves, self.lower, self.shape, self.fraction = collider.moves, (0, 0, 0), (0, 0, 0), None
+        self._storage = launcher.zeros(lattice.cells, "colliders")
         self._last = None  # distance and its change in a second, of the last update
 
     def update(self, start: float, end: float, seconds: float) -> bool:
@@ -47,8 +47,19 @@ class ArrayWalls:
         if self._last is not None and all(np.array_equal(a, b) for a, b in zip(now, self._last, strict=True)):
             return False
         self._last = now
-        self.fraction.assign((distance <= 0.0).astype(np.float32))
+        self._fill(distance <= 0.0)
         return True
+
+    def _fill(self, solid: np.ndarray) -> None:
+        found = [np.flatnonzero(solid.any(axis=tuple({0, 1, 2} - {axis}))) for axis in range(3)]
+        if not len(found[0]):
+            self.lower = self.shape = (0, 0, 0)
+            return
+        spans = [slice(int(each[0]), int(each[-1]) + 1) for each in found]
+        box = np.ascontiguousarray(solid[tuple(spans)], np.float32)
+        self.lower, self.shape = tuple(span.start for span in spans), box.shape
+        self.fraction = self._storage[: box.size].reshape(box.shape)
+        self.fraction.assign(box)
 
     def travel(self, start: float, end: float) -> float:
         """How far the surface lies from where it was, by the largest change of its distance [cells]."""
@@ -75,7 +86,7 @@ class ArrayWalls:
             component.assign(np.where(beside, pushed, component.numpy()).astype(np.float32))
 
     def sweep(self, seconds: float, held: wp.array) -> None:
-        """Does nothing: the surface passes over no cell that is not solid before or after."""
+        """Marks nothing: the surface passes over no cell that is not solid before or after."""
 
 
 def _gradient(a: np.ndarray, h: float) -> np.ndarray:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import warp as wp
 
 from warp_smoke.fluid.array_walls import ArrayWalls
-from warp_smoke.fluid.grid import face_shape
+from warp_smoke.fluid.grid import Block, Box, face_shape, faces_of, hull
 from warp_smoke.fluid.operators import close_sides, corners, face_weight, side_weights
 from warp_smoke.fluid.walls import SOLID_FRACTION, MeshWalls
 from warp_smoke.lattice import Lattice
@@ -65,29 +65,33 @@ def _open_faces(
 
 
 @wp.kernel
-def _stop_closed(rows: Rows, share: wp.array3d[float], u_inout: wp.array3d[float]):
+def _stop_closed(rows: Rows, block: Block, share: wp.array3d[float], u_inout: wp.array3d[float]):
     """Sets u = 0 on faces that are not open."""
     i, j, c = wp.tid()
-    i += rows.first
+    i += rows.first + block.first[0]
+    j += block.first[1]
     s = dense(share)
     u = dense(u_inout)
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, u_inout.shape[2])
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
     while k < end:
         u[i, j, k] = wp.where(s[i, j, k] > 0.0, u[i, j, k], 0.0)
         k += 1
 
 
 @wp.kernel
-def _push_closed(rows: Rows, share: wp.array3d[float], solid: wp.array3d[float], u_inout: wp.array3d[float]):
+def _push_closed(
+    rows: Rows, block: Block, share: wp.array3d[float], solid: wp.array3d[float], u_inout: wp.array3d[float]
+):
     """Sets u to that of the solid on faces that are not open."""
     i, j, c = wp.tid()
-    i += rows.first
+    i += rows.first + block.first[0]
+    j += block.first[1]
     s = dense(share)
     pushed = dense(solid)
     u = dense(u_inout)
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, u_inout.shape[2])
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
     while k < end:
         u[i, j, k] = wp.where(s[i, j, k] > 0.0, u[i, j, k], pushed[i, j, k])
         k += 1
@@ -124,6 +128,8 @@ class Solids:
         wx, wy, wz: open share of each face, 0 or 1: 0 at and in solids and on closed sides of the domain;
             [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1].
         velocity: u, v, w of the solids on faces that are not open [m/s]; None if no collider ever moves.
+        box: cells around all that are solid, were so before the last update, or have a face that a surface crosses;
+            None if there are none.
         changes: how often the arrays were filled.
     """
 
@@ -149,6 +155,7 @@ class Solids:
             self.held = launcher.zeros(lattice.shape, "colliders")
             self.velocity = tuple(launcher.zeros(shape, "colliders") for shape in faces)
         self.changes = 0
+        self.box = self._filled = None
 
     def max_speed(self, start: float, end: float, seconds: float) -> float:
         """Largest speed of any point of the colliders between two time codes, or a little more [m/s]."""
@@ -168,15 +175,16 @@ class Solids:
         moved = [each.update(start, end, seconds) for each in self._walls]
         if self.changes and not any(moved):
             return
-        self._fill()
+        before, self._filled, swept = self._filled, self._fill(), []
         if self.velocity is not None:
             if self.changes == 0:
                 wp.copy(self.held, self.fluid)
-            for each in self._walls:
-                each.sweep(seconds, self.held)
+            swept = [each.sweep(seconds, self.held) for each in self._walls]
+        self.box = hull((before, self._filled, *swept))
         self.changes += 1
 
-    def _fill(self) -> None:
+    def _fill(self) -> Box | None:
+        """Fills the arrays from the walls; returns the box around them."""
         launcher, sides, shares = self._launcher, self._lattice.sides, (self.wx, self.wy, self.wz)
         walls = [each for each in self._walls if 0 not in each.shape]
         self.fluid.fill_(1.0)
@@ -192,6 +200,7 @@ class Solids:
                 if each.moves:
                     each.push(self.velocity)
             close_sides(launcher, sides, self.velocity)
+        return hull(Box(each.lower, tuple(map(sum, zip(each.lower, each.shape, strict=True)))) for each in walls)
 
     def apply(self, velocity: tuple[wp.array, wp.array, wp.array]) -> None:
         """Gives faces that are not open the velocity of the solid there (0 on closed sides of the domain).
@@ -199,10 +208,13 @@ class Solids:
         Args:
             velocity: u, v, w on faces [m/s], changed.
         """
+        close_sides(self._launcher, self._lattice.sides, velocity)
+        if self.box is None:
+            return
         shares = (self.wx, self.wy, self.wz)
-        if self.velocity is None:
-            for share, faces in zip(shares, velocity, strict=True):
-                self._launcher.launch(_stop_closed, faces.shape, share, faces)
-        else:
-            for share, solid, faces in zip(shares, self.velocity, velocity, strict=True):
-                self._launcher.launch(_push_closed, faces.shape, share, solid, faces)
+        for axis, (share, faces) in enumerate(zip(shares, velocity, strict=True)):
+            patch = faces_of(self.box, axis)
+            if self.velocity is None:
+                self._launcher.launch(_stop_closed, *patch, share, faces)
+            else:
+                self._launcher.launch(_push_closed, *patch, share, self.velocity[axis], faces)

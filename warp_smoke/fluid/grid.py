@@ -11,6 +11,7 @@ v [nx, ny+1, nz], w [nx, ny, nz+1] (F. H. Harlow, J. E. Welch, 1965). A kernel o
     while k < end: ...  # the sample is a[i, j, k], the cells beside it beside(b, block.before)[i, j, k] and … after
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import warp as wp
@@ -106,10 +107,31 @@ def patch_of(box: Box, like: Patch) -> Patch:
     return make_patch(box.lower, shape, like.block.before, like.block.after)
 
 
+def faces_of(box: Box, axis: int) -> Patch:
+    """All faces of a box of cells across an axis; the cells beside them are left out."""
+    shape = tuple(high - low + (a == axis) for a, (low, high) in enumerate(zip(*box, strict=True)))
+    return make_patch(box.lower, shape, (0, 0, 0), (0, 0, 0))
+
+
 def box_of(patch: Patch) -> Box:
     """The samples of a patch."""
     lower = tuple(patch.block.first)
     return Box(lower, tuple(low + n for low, n in zip(lower, patch.shape, strict=True)))
+
+
+def hull(boxes: Iterable[Box | None]) -> Box | None:
+    """The smallest box around several; None if there are none."""
+    some = [box for box in boxes if box is not None]
+    if not some:
+        return None
+    lowers, uppers = zip(*some, strict=True)
+    return Box(tuple(map(min, zip(*lowers, strict=True))), tuple(map(max, zip(*uppers, strict=True))))
+
+
+def grown(box: Box, samples: int, shape: tuple[int, int, int]) -> Box:
+    """The box with so many samples added on each side, within those of a shape."""
+    lower = tuple(max(low - samples, 0) for low in box.lower)
+    return Box(lower, tuple(min(high + samples, n) for high, n in zip(box.upper, shape, strict=True)))
 
 
 def around(inner: Box, outer: Box) -> list[Box]:

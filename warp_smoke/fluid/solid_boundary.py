@@ -5,9 +5,12 @@ Ray Tracing*, 1987) up to the first closed face. Of the eight cells around a tra
 with the cell of the end through open faces: so no wall leaks, however thin, diagonal ones included.
 """
 
+from math import ceil
+
 import warp as wp
 
 from warp_smoke.fluid.colliders import Solids
+from warp_smoke.fluid.grid import Block, Box, Patch, all_cells, faces_of, grown, patch_of
 from warp_smoke.fluid.interpolation import base, greater, shifted, within
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
@@ -44,10 +47,11 @@ def _wall(share: wp.array3d[float], fluid: wp.array3d[float], i: int, j: int, k:
 
 
 @wp.kernel
-def _mark_obstructed(rows: Rows, solids: SolidCells, obstructed_out: wp.array3d[float]):
+def _mark_obstructed(rows: Rows, block: Block, solids: SolidCells, obstructed_out: wp.array3d[float]):
     """Mark: obstructed = 1 in cells that are solid or not held, or have a wall on a face; else 0."""
     i, j, c = wp.tid()
-    i += rows.first
+    i += rows.first + block.first[0]
+    j += block.first[1]
     fluid = dense(solids.fluid)
     held = dense(solids.held)
     wx = dense(solids.wx)
@@ -56,8 +60,8 @@ def _mark_obstructed(rows: Rows, solids: SolidCells, obstructed_out: wp.array3d[
     obstructed = dense_store(obstructed_out)
     i1 = wp.min(i + 1, fluid.shape[0] - 1)
     j1 = wp.min(j + 1, fluid.shape[1] - 1)
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, obstructed_out.shape[2])
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
     while k < end:
         k1 = wp.min(k + 1, obstructed_out.shape[2] - 1)
         # On the upper sides of the domain the cell's own lower face counts twice instead.
@@ -70,10 +74,11 @@ def _mark_obstructed(rows: Rows, solids: SolidCells, obstructed_out: wp.array3d[
 
 
 @wp.kernel
-def _spread(rows: Rows, unit: wp.vec3i, a: wp.array3d[float], a_out: wp.array3d[float]):
+def _spread(rows: Rows, block: Block, unit: wp.vec3i, a: wp.array3d[float], a_out: wp.array3d[float]):
     """Dilation: a_out(x) = max of a(x − unit), a(x), a(x + unit)."""
     i, j, c = wp.tid()
-    i += rows.first
+    i += rows.first + block.first[0]
+    j += block.first[1]
     src = dense(a)
     out = dense_store(a_out)
     i0 = wp.max(i - unit[0], 0)
@@ -81,8 +86,8 @@ def _spread(rows: Rows, unit: wp.vec3i, a: wp.array3d[float], a_out: wp.array3d[
     i1 = wp.min(i + unit[0], a.shape[0] - 1)
     j1 = wp.min(j + unit[1], a.shape[1] - 1)
     step = unit[2]
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, a.shape[2])
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
     while k < end:
         k0 = wp.max(k - step, 0)
         k1 = wp.min(k + step, a.shape[2] - 1)
@@ -131,6 +136,7 @@ def _way_to_solid(solids: SolidCells, i: int, j: int, k: int, x: float, y: float
 @wp.kernel
 def _stop_at_solids(
     rows: Rows,
+    block: Block,
     solids: SolidCells,
     dx_inout: wp.array3d[float],
     dy_inout: wp.array3d[float],
@@ -138,9 +144,10 @@ def _stop_at_solids(
 ):
     """Shortening: d ends where it first meets a closed face."""
     i, j, c = wp.tid()
-    i += rows.first
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, dx_inout.shape[2])
+    i += rows.first + block.first[0]
+    j += block.first[1]
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
     while k < end:
         x = dx_inout[i, j, k]
         y = dy_inout[i, j, k]
@@ -169,6 +176,7 @@ def _crowded_at(crowded: wp.array3d[float], x: float, y: float, z: float):
 @wp.kernel
 def _mark_near(
     rows: Rows,
+    block: Block,
     crowded: wp.array3d[float],
     dx: wp.array3d[float],
     dy: wp.array3d[float],
@@ -180,7 +188,8 @@ def _mark_near(
 ):
     """Mark: near = 1 if x + d or x + e lies in a crowded cell, else 0."""
     i, j, c = wp.tid()
-    i += rows.first
+    i += rows.first + block.first[0]
+    j += block.first[1]
     bx = dense(dx)
     by = dense(dy)
     bz = dense(dz)
@@ -190,8 +199,8 @@ def _mark_near(
     near = dense_store(near_out)
     x = float(i)
     y = float(j)
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, near_out.shape[2])
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
     while k < end:
         z = float(k)
         back = _crowded_at(crowded, x + bx[i, j, k], y + by[i, j, k], z + bz[i, j, k])
@@ -242,6 +251,7 @@ def _connected(solids: SolidCells, i: int, j: int, k: int, start: int):
 @wp.kernel
 def _sample_near_solids(
     rows: Rows,
+    block: Block,
     solids: SolidCells,
     dx: wp.array3d[float],
     dy: wp.array3d[float],
@@ -259,10 +269,11 @@ def _sample_near_solids(
     Cells that were solid in the last step have no value yet; solid cells become ambient.
     """
     i, j, c = wp.tid()
-    i += rows.first
+    i += rows.first + block.first[0]
+    j += block.first[1]
     fluid = solids.fluid
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, a.shape[2])
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
     while k < end:
         value = ambient
         if fluid[i, j, k] > 0.0 and solids.near[i, j, k] > 0.0:
@@ -308,12 +319,20 @@ def _open(u: wp.array3d[float], share: wp.array3d[float], i: int, j: int, k: int
 
 
 @wp.kernel
-def _extend(rows: Rows, unit: wp.vec3i, fluid: wp.array3d[float], share: wp.array3d[float], u_inout: wp.array3d[float]):
+def _extend(
+    rows: Rows,
+    block: Block,
+    unit: wp.vec3i,
+    fluid: wp.array3d[float],
+    share: wp.array3d[float],
+    u_inout: wp.array3d[float],
+):
     """Free slip: u = mean of the open ones among the six faces around, on faces between two solid cells."""
     i, j, c = wp.tid()
-    i += rows.first
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, u_inout.shape[2])
+    i += rows.first + block.first[0]
+    j += block.first[1]
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
     while k < end:
         if share[i, j, k] == 0.0:
             before = fluid[wp.max(i - unit[0], 0), wp.max(j - unit[1], 0), wp.max(k - unit[2], 0)]
@@ -363,6 +382,7 @@ class SolidBoundary:
         cells.fluid, cells.held, cells.crowded, cells.near = solids.fluid, solids.held, self._crowded, self._near
         cells.wx, cells.wy, cells.wz = solids.wx, solids.wy, solids.wz
         self._changes, self._settled = 0, False
+        self._concerned = all_cells(shape)  # cells whose traces may meet solids
 
     def move(self, start: float, end: float, seconds: float) -> None:
         """Moves the solids to where they stand at `end`; arguments as for `Solids.update`."""
@@ -374,12 +394,29 @@ class SolidBoundary:
             self._mark_crowded()
         self._changes, self._settled = solids.changes, not changed
 
+    def follow(self, courant: float) -> None:
+        """Looks at those cells alone from which traces may come near solids, until this is called again.
+
+        Args:
+            courant: cells that air moves in a step, at most.
+        """
+        # Traces ahead are twice the way of the air less the trace back; crowded cells lie up to two from solids.
+        self._concerned = self._cells_near(ceil(min(3.0 * courant, max(self._near.shape))) + 3)
+
+    def _cells_near(self, distance: int) -> Patch:
+        """Cells up to a distance from the solids' box."""
+        shape, box = self._near.shape, self._solids.box
+        nothing = Box((0, 0, 0), (0, 0, 0))
+        return patch_of(nothing if box is None else grown(box, distance, shape), all_cells(shape))
+
     def _mark_crowded(self) -> None:
-        shape, (x, y, z) = self._crowded.shape, (wp.vec3i(1, 0, 0), wp.vec3i(0, 1, 0), wp.vec3i(0, 0, 1))
-        self._launcher.launch(_mark_obstructed, shape, self._cells, self._spare)
-        self._launcher.launch(_spread, shape, x, self._spare, self._crowded)
-        self._launcher.launch(_spread, shape, y, self._crowded, self._spare)
-        self._launcher.launch(_spread, shape, z, self._spare, self._crowded)
+        self._spare.zero_()
+        self._crowded.zero_()
+        patch, (x, y, z) = self._cells_near(2), (wp.vec3i(1, 0, 0), wp.vec3i(0, 1, 0), wp.vec3i(0, 0, 1))
+        self._launcher.launch(_mark_obstructed, *patch, self._cells, self._spare)
+        self._launcher.launch(_spread, *patch, x, self._spare, self._crowded)
+        self._launcher.launch(_spread, *patch, y, self._crowded, self._spare)
+        self._launcher.launch(_spread, *patch, z, self._spare, self._crowded)
 
     def empty(self, field: wp.array, ambient: float) -> None:
         """Makes a field of the cells ambient in solids."""
@@ -392,9 +429,11 @@ class SolidBoundary:
             velocity: u, v, w on faces [m/s], changed inside solids.
         """
         solids = self._solids
+        if solids.box is None:
+            return
         for axis, share in enumerate((solids.wx, solids.wy, solids.wz)):
             unit = wp.vec3i(*(int(a == axis) for a in range(3)))
-            self._launcher.launch(_extend, share.shape, unit, solids.fluid, share, velocity[axis])
+            self._launcher.launch(_extend, *faces_of(solids.box, axis), unit, solids.fluid, share, velocity[axis])
 
     def stop(self, back: list, ahead: list) -> None:
         """Ends traces at solids, and notes which cells `sample` has to do.
@@ -403,8 +442,8 @@ class SolidBoundary:
             back: displacement backwards along x, y, z, each [nx, ny, nz] [cells], shortened.
             ahead: displacement forwards, likewise [cells].
         """
-        self._launcher.launch(_stop_at_solids, self._near.shape, self._cells, *back)
-        self._launcher.launch(_mark_near, self._near.shape, self._crowded, *back, *ahead, self._near)
+        self._launcher.launch(_stop_at_solids, *self._concerned, self._cells, *back)
+        self._launcher.launch(_mark_near, *self._concerned, self._crowded, *back, *ahead, self._near)
 
     def sample(self, back: list, field: wp.array, limits: tuple, ambient: float, results: tuple) -> None:
         """Samples a field of the cells again where solids are near, and makes it ambient in solids.
@@ -417,4 +456,4 @@ class SolidBoundary:
             results: three arrays [nx, ny, nz] that all take the value where solids are near; may be the same.
         """
         args = (self._cells, *back, field, *limits, ambient, *results)
-        self._launcher.launch(_sample_near_solids, field.shape, *args)
+        self._launcher.launch(_sample_near_solids, *self._concerned, *args)

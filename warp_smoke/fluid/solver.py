@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warp_smoke.fluid.active_box import FAST, fit_boxes, hull
+from warp_smoke.fluid.active_box import FAST, fit_boxes
 from warp_smoke.fluid.advection import limit_energy
 from warp_smoke.fluid.array_source import ArraySource
 from warp_smoke.fluid.colliders import Solids
@@ -19,6 +19,7 @@ from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diff
 from warp_smoke.fluid.dissipation import decay
 from warp_smoke.fluid.emitters import Interval, Source
 from warp_smoke.fluid.forces import Buoyancy
+from warp_smoke.fluid.grid import hull
 from warp_smoke.fluid.guard import NotFiniteError
 from warp_smoke.fluid.measures import Measures
 from warp_smoke.fluid.operators import (
@@ -386,6 +387,7 @@ class SmokeSolver:
         self._fit_active_box(courant)
         with timings.measure("advect_velocity"):
             if self._boundary:
+                self._boundary.follow(courant / parts)
                 self._boundary.extend(state.velocity)
             advection.trace(state.velocity, dt / parts / self._lattice.h)
         for _ in range(parts):

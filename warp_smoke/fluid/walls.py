@@ -11,7 +11,7 @@ from math import prod
 import numpy as np
 import warp as wp
 
-from warp_smoke.fluid.grid import face_shape
+from warp_smoke.fluid.grid import Box, face_shape
 from warp_smoke.fluid.lattice_mesh import LatticeMesh
 from warp_smoke.fluid.voxelize import ACCURACY, fill_fraction
 from warp_smoke.lattice import Lattice
@@ -305,15 +305,18 @@ class MeshWalls(LatticeMesh):
             fields = crossed, speed, self.fraction, u
             self._launcher.launch_queries(_push_faces, crossed.shape, *self._place(), axis, reach, *motion, *fields)
 
-    def sweep(self, seconds: float, held: wp.array) -> None:
+    def sweep(self, seconds: float, held: wp.array) -> Box | None:
         """Marks the cells that the surface passed over in the last update.
 
         Args:
             seconds: that it took [s].
             held: [nx, ny, nz], set to 0 there.
+
+        Returns:
+            A box around those cells; None if nothing moved.
         """
         if not self._point_velocity[self._used].any():
-            return
+            return None
         scale = seconds / self._lattice.h
         now, displacement = self._points[self._used], scale * self._point_velocity[self._used]
         ends = np.concatenate([now, now - displacement])
@@ -326,3 +329,4 @@ class MeshWalls(LatticeMesh):
         place = self._mesh.id, wp.vec3i(*lower.tolist())
         args = (*place, wp.mat33(*turn.ravel()), wp.vec3(*shift), scale, reach, held)
         self._launcher.launch_queries(_mark_swept, tuple((upper - lower).tolist()), *args)
+        return Box(tuple(lower.tolist()), tuple(upper.tolist()))
