@@ -7,7 +7,7 @@ from warp_smoke.plan.reach import box_corners, in_box, in_range, is_flat, is_mov
 from warp_smoke.record import Samples
 from warp_smoke.scene import DistantLight, Light, Scene, SpotLight, Surface
 from warp_smoke.shadow.coverage import FACE_NAMES, WIDEST_CONE, cube_rectangles
-from warp_smoke.shadow.light_buffer import buffer_serves
+from warp_smoke.shadow.light_buffer import buffer_serves, light_times
 from warp_smoke.shadow.projective import plane_serves
 
 # Slices of the domain in each layer of a light buffer that receivers inside the smoke look up.
@@ -190,7 +190,8 @@ class _Receiver:
         pair = (light.path, each.domain.path)
         method = light.smoke_shadow
         serves = plane_serves if method == "dpd" else buffer_serves
-        if method != "ray_traced" and not serves(light, each.lattice, self.scene.frames):
+        times = (*self.scene.frames, *light_times(light))  # the buffer is as large as it is at any of them
+        if method != "ray_traced" and not serves(light, each.lattice, times):
             why = "the light is inside the domain or close to it, where no buffer can hold its shadow: rays are traced"
             self.ledger.omit("project_smoke", pair, why)
             return "ray_traced"

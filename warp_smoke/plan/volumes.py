@@ -6,7 +6,7 @@ from warp_smoke.plan.passes import DomainPlan, Ledger, LightPlan, SmokeShadowPla
 from warp_smoke.plan.reach import box_corners, in_range, may_shadow, over
 from warp_smoke.plan.shading import DEFAULT_LAYER
 from warp_smoke.scene import Light, Scene
-from warp_smoke.shadow.light_buffer import buffer_serves
+from warp_smoke.shadow.light_buffer import buffer_serves, light_times
 
 
 def plan_volumes(ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...]) -> tuple[VolumePlan, ...]:
@@ -40,7 +40,8 @@ def _smoke(
             continue
         # The paper's buffer knows no depth, so it cannot tell how much smoke is before a cell.
         method = "march" if light.smoke_shadow == "dpd" else light.smoke_shadow
-        if method != "ray_traced" and not buffer_serves(light, each.lattice, scene.frames):
+        times = (*scene.frames, *light_times(light))  # the buffer is as large as it is at any of them
+        if method != "ray_traced" and not buffer_serves(light, each.lattice, times):
             method = "ray_traced"
         if method != "ray_traced":
             why = f"smoke in {each.domain.path} stands between the light and smoke"

@@ -22,6 +22,10 @@ from warp_smoke.scene import DistantLight, Light
 MAX_SLOPE = 4.0
 # Texels for each cell that the box is wide, at most; a near light's wide rays get coarser texels instead of more.
 _MAX_TEXELS = 3
+# Of a Gaussian voxel, in cells: neighbours then add up to a nearly even slab.
+GAUSSIAN_WIDTH = 0.5
+# Where it is cut off, in cells: what lies beyond, 0.3 %, goes to the outermost texels, so that none is lost.
+GAUSSIAN_REACH = 3.0 * GAUSSIAN_WIDTH
 
 
 def set_to_cells(lattice: Lattice, origin: np.ndarray) -> np.ndarray:
@@ -135,7 +139,9 @@ def buffer_serves(light: Light, lattice: Lattice, times: Iterable[float]) -> boo
 
     It cannot where a point light is inside the domain, or so near that its rays cross it at more than `MAX_SLOPE`.
     """
-    return all(fit_shear(light_in_cells(light, lattice, time), lattice.shape) is not None for time in times)
+    reach = GAUSSIAN_REACH if light.smoke_shadow == "gaussian" else 0.5
+    places = (light_in_cells(light, lattice, time) for time in times)
+    return all(fit_shear(place, lattice.shape, reach=reach) is not None for place in places)
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from warp_smoke.shadow.light_buffer import Shear
-
-# Of a Gaussian voxel, in cells: neighbours then add up to a nearly even slab.
-_GAUSSIAN_WIDTH = 0.5
-# Where it is cut off, in cells: what lies beyond, 0.3 %, goes to the outermost texels, so that none is lost.
-_GAUSSIAN_REACH = 3.0 * _GAUSSIAN_WIDTH
+from warp_smoke.shadow.light_buffer import GAUSSIAN_REACH, GAUSSIAN_WIDTH, Shear
 
 
 class Taps(NamedTuple):
@@ -64,7 +59,7 @@ def _bilinear(begin: np.ndarray, end: np.ndarray, a: np.ndarray) -> np.ndarray:
 
 
 def _gaussian(begin: np.ndarray, end: np.ndarray, a: np.ndarray) -> np.ndarray:
-    width, reach = _GAUSSIAN_WIDTH / a, _GAUSSIAN_REACH / a
+    width, reach = GAUSSIAN_WIDTH / a, GAUSSIAN_REACH / a
 
     def below(edge: np.ndarray) -> np.ndarray:
         return np.where(edge >= reach, 1.0, np.where(edge <= -reach, 0.0, ndtr(edge / width)))
@@ -82,7 +77,7 @@ _GAUSS_POINTS = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
 SPLATS = {
     "nearest": Splat((0.5,), lambda a: 0.5 * a, _nearest),
     "bilinear": Splat((0.5,), lambda a: a, _bilinear),
-    "gaussian": Splat((0.5,), lambda a: 0.5 * a + _GAUSSIAN_REACH, _gaussian, _GAUSSIAN_REACH),
+    "gaussian": Splat((0.5,), lambda a: 0.5 * a + GAUSSIAN_REACH, _gaussian, GAUSSIAN_REACH),
     "footprint": Splat(_GAUSS_POINTS, lambda a: 0.5 * a + 0.5, _footprint),
 }
 
