@@ -11,7 +11,7 @@ from time import perf_counter
 import numpy as np
 
 from warp_smoke.checkpoint import Checkpoint
-from warp_smoke.files import remove_partial, replacing, sync, write_png, write_text
+from warp_smoke.files import check_folder, remove_partial, replacing, sync, write_png, write_text
 from warp_smoke.fingerprint import digest
 from warp_smoke.plan import DomainPlan, ReceiverPlan, When
 from warp_smoke.record import FieldError
@@ -361,9 +361,7 @@ def _file_stems(paths: list[str]) -> dict[str, str]:
 
 def _check_folder(folder: Path, name: str) -> None:
     """Raises FieldError if the folder is something else, or holds the results of another stage."""
-    for each in (folder, *folder.parents):
-        if each.exists() and not each.is_dir():
-            raise FieldError(str(folder), "output folder", f"below the file {each}", "a folder")
+    check_folder(folder)
     others = [path.name for path in folder.glob("*.results.usdc") if path.name != f"{name}.results.usdc"]
     if others:
         raise FieldError(str(folder), "output folder", f"that of {others[0]}", "another one: a folder holds one result")
