@@ -27,7 +27,7 @@ class Measured:
         seconds: of each repeat, without compilation and the first, which warms up [s].
         cells: cells, texels or rays that one step works on, or None.
         steps: that one repeat takes.
-        passes: median time of each pass in a step, by name, where that is known [s].
+        passes: time of each pass in a frame, by name, where that is known [s].
     """
 
     errors: Mapping[str, float]
@@ -80,7 +80,7 @@ class Row:
         ns_per_cell: median for each cell and step [ns]; None if nothing is counted.
         copy_share: time to copy one float, over the time for one cell: the rate as a share of the copy bandwidth.
         failure: why the row is no result, or None.
-        passes: median time of each pass in a step, by name, where that is known [s].
+        passes: time of each pass in a frame, by name, where that is known [s].
     """
 
     suite: str
@@ -118,7 +118,8 @@ class Suite(Protocol):
         ERROR_MEANS: that axis' label: the error in words, with its unit.
 
     A suite whose panels show different errors names them in `PANEL_ERRORS: Mapping[str, tuple[str, str]]`: error and
-    label by problem. One whose times are not of a whole run has their label in `TIME_MEANS: str`.
+    label by problem. One whose times are not of a whole run has their label in `TIME_MEANS: str`. Problems in
+    `TABLES: tuple[str, ...]` have a table instead of a panel.
     """
 
     TITLE: str

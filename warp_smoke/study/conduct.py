@@ -1,0 +1,141 @@
+"""Conducts a study: measures what is not yet measured, and writes tables, diagrams and the page."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from warp_smoke.files import replacing, write_text
+from warp_smoke.fingerprint import digest, fingerprint
+from warp_smoke.launch import Launcher
+from warp_smoke.scene import Scene
+from warp_smoke.study.case import Row, Suite
+from warp_smoke.study.disclosure import disclose
+from warp_smoke.study.measure import measure_case
+from warp_smoke.study.store import Store, csv_text
+from warp_smoke.study.suites import SUITES, load_suite
+
+SCENE = "scene"
+PAGE, TABLE = "study.html", "results.csv"
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a study found.
+
+    Attributes:
+        folder: has results.json, results.csv, study.html, and a diagram SUITE.png for each suite.
+        disclosure: device, threads, versions, commit and copy bandwidth.
+        rows: all that were measured, in the order of the suites' cases.
+        orders: fitted orders by suite, problem and method.
+        unexpected: by suite, where known answers are missed, one line each.
+        recommendation: what to choose for the stage, in one line; None without a stage.
+    """
+
+    folder: Path
+    disclosure: Mapping[str, object]
+    rows: Sequence[Row]
+    orders: Mapping[str, Mapping[tuple[str, str], float]]
+    unexpected: Mapping[str, Sequence[str]]
+    recommendation: str | None
+
+    @property
+    def page(self) -> Path:
+        """The web page."""
+        return self.folder / PAGE
+
+    def diagram(self, suite: str) -> Path:
+        """The diagram of a suite."""
+        return self.folder / f"{suite}.png"
+
+
+def conduct(
+    scene: Scene | None,
+    folder: Path,
+    names: Sequence[str],
+    full: bool,
+    device: str,
+    threads: int | None,
+    on_row: Callable[[Row, int, int], None] | None,
+) -> Study:
+    """See `warp_smoke.study.study`."""
+    suites: dict[str, Suite] = {name: load_suite(name) for name in names if name != SCENE}
+    if SCENE in names:
+        from warp_smoke.study.scene import SceneStudy
+
+        suites[SCENE] = SceneStudy(scene)
+    launcher = Launcher(device, threads)
+    disclosure = disclose(launcher)
+    if scene is not None:
+        disclosure |= {"stage": _name(scene), "scene": digest(fingerprint(scene, device))[:12]}
+    cases = [case for suite in suites.values() for case in suite.cases(full)]
+    store = Store(folder, disclosure)
+    done = {key for key, row in store.rows.items() if row.failure is None}
+    for index, case in enumerate(cases):
+        if case.key not in done:
+            store.add(measure_case(launcher, case, disclosure["copy_gb_per_s"]))
+        if on_row:
+            on_row(store.rows[case.key], index + 1, len(cases))
+    # Suites that an earlier study left in the folder are on the page too.
+    stored = {row.suite for row in store.rows.values()}
+    earlier = {name: load_suite(name) for name in SUITES if name in stored and name not in suites}
+    suites = {name: (earlier | suites)[name] for name in (SCENE, *SUITES) if name in (earlier | suites)}
+    rank = {case.key: index for index, case in enumerate(cases)}
+    rows = {
+        name: sorted(
+            (row for row in store.rows.values() if row.suite == name), key=lambda row: rank.get(row.key, len(rank))
+        )
+        for name in suites
+    }
+    _write(folder, disclosure, suites, rows)
+    valid = {name: [row for row in found if row.failure is None] for name, found in rows.items()}
+    return Study(
+        folder=folder,
+        disclosure=disclosure,
+        rows=tuple(row for found in rows.values() for row in found),
+        orders={name: suite.order(valid[name]) for name, suite in suites.items()},
+        unexpected={name: suite.unexpected(valid[name]) for name, suite in suites.items()},
+        recommendation=suites[SCENE].recommendation(valid[SCENE]) if SCENE in suites else None,
+    )
+
+
+def _write(folder: Path, disclosure: dict, suites: Mapping[str, Suite], rows: Mapping[str, list[Row]]) -> None:
+    """Writes what is made of the rows."""
+    from warp_smoke.study.page import results_page
+    from warp_smoke.study.plot import draw_diagram, picture
+
+    facts = [disclosure["processor"], f"{disclosure['threads']} threads", str(disclosure["device"])]
+    facts += [f"{name} {disclosure[name]}" for name in ("warp-smoke", "warp-lang", "numpy")]
+    facts += [f"commit {disclosure['commit']}"] if disclosure["commit"] else []
+    note = ", ".join([*facts, f"copies {disclosure['copy_gb_per_s']:.1f} GB/s", disclosure["date"]])
+    write_text(folder / TABLE, csv_text(disclosure, [row for found in rows.values() for row in found]))
+    for name, suite in suites.items():
+        drawn = [row for row in rows[name] if row.problem not in getattr(suite, "TABLES", ())]
+        if drawn:
+            with replacing(folder / f"{name}.png") as partial:
+                partial.write_bytes(picture(draw_diagram(suite, drawn, note), "png"))
+    write_text(folder / PAGE, results_page(disclosure, suites, rows, note))
+
+
+def chosen_suites(scene: Scene | None, asked: Sequence[str] | None) -> list[str]:
+    """Names of the suites that are meant.
+
+    Raises:
+        ValueError: there is no such suite, or `scene` without a stage.
+    """
+    if asked is None:
+        return list(SUITES) if scene is None else [SCENE]
+    allowed = [*SUITES, *([SCENE] if scene is not None else []), "all"]
+    for name in asked:
+        if name not in allowed:
+            hint = ", which needs a stage" if name == SCENE else ""
+            raise ValueError(f"suite is {name}{hint}; allowed: {', '.join(allowed)}")
+    return allowed[:-1] if "all" in asked else list(dict.fromkeys(asked))
+
+
+def study_folder(scene: Scene | None) -> Path:
+    """Where results go unless a folder is given."""
+    return Path("out", "study" if scene is None else f"{Path(_name(scene)).stem}.study")
+
+
+def _name(scene: Scene) -> str:
+    return scene.source.name if scene.source else "scene"

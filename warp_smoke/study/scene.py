@@ -1,0 +1,204 @@
+"""A user's own stage at several settings, each against the finest; what its effects cost; and what to choose.
+
+Smoke is simulated over a range of frames, and the last is compared: its density on the cells of the coarser run, its
+baked pictures, and its picture through the camera. Shadows are made anew for that frame, against ones traced by rays.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from warp_smoke.launch import Launcher
+from warp_smoke.plan import make_plan
+from warp_smoke.plan.fluid import DEFAULT_ADVECTION
+from warp_smoke.record import FieldError
+from warp_smoke.scene import ADVECTION_SCHEMES, Scene
+from warp_smoke.study.case import Case, Measured, Row
+from warp_smoke.study.front import pareto_front
+from warp_smoke.study.outcome import Outcome, differences, light_scene, run_scene
+from warp_smoke.study.settings import (
+    effects_off,
+    with_receivers,
+    with_smoke,
+    with_smoke_shadows,
+    with_surface_shadows,
+    with_tolerance,
+)
+from warp_smoke.study.words import by_problem, duration, percent
+
+SMOKE, PRESSURE = "smoke", "pressure tolerance"
+SURFACE_SHADOWS, SMOKE_SHADOWS = "shadows of surfaces", "shadows of smoke"
+FINEST, EFFECTS = "the finest run", "effects, one switched off"
+EVERYTHING = "everything"
+
+# Cells along a side, as a share of the stage's.
+_SHARES, _FULL_SHARES = (0.5, 0.75, 1.0), (0.5, 0.75, 1.0, 1.5)
+_FINEST_SHARE, _FULL_FINEST_SHARE = 1.5, 2.0
+_QUICK_FRAMES, _QUICK_CELLS = 24, 2**21
+_TOLERANCES, _FINE_TOLERANCE = (1e-1, 1e-2, 1e-3, 1e-4), 1e-5
+_MAPPED_FILTERS, _TRACED_FILTERS = ("hard", "pcf_grid", "pcf_disk", "pcss"), ("exact", "area")
+_MAP_SHARES = (0.25, 0.5, 1.0)
+_SMOKE_METHODS = ("march", "nearest", "bilinear", "gaussian", "footprint", "dpd", "ray_traced")
+# A dearer setting has to better the cheaper one by this factor to be recommended, and an error larger than a code of an
+# 8-bit picture.
+_GOOD_ENOUGH, _UNSEEN = 1.5, 1 / 255
+
+
+class SceneStudy:
+    """The suite `scene`, for one stage.
+
+    Attributes:
+        TITLE, MAIN_ERROR, ERROR_MEANS, PANEL_ERRORS, TIME_MEANS, TABLES: see `Suite`.
+    """
+
+    MAIN_ERROR = "density"
+    ERROR_MEANS = "relative L2 error of the density"
+    PANEL_ERRORS: Mapping[str, tuple[str, str]] = {
+        name: ("shadows", "rms error of the baked pictures") for name in (SURFACE_SHADOWS, SMOKE_SHADOWS)
+    }
+    TIME_MEANS = "time of a frame"
+    TABLES = (FINEST, EFFECTS)
+
+    def __init__(self, scene: Scene):
+        """Plans the stage.
+
+        Raises:
+            ValueError: there is neither smoke nor a shadow in it.
+        """
+        name = scene.source.name if scene.source else "scene"
+        self.TITLE = f"Your stage: {name}"
+        self._scene, self._plan = scene, make_plan(scene)
+        lights = [light for each in self._plan.receivers for light in each.lights]
+        self._shadowed = any(light.surface_shadow for light in lights)
+        self._smoky = any(light.smoke for light in lights)
+        if not (self._plan.domains or self._shadowed):
+            allowed = "one with smoke, or with a mesh with SmokeReceiverAPI on which something casts a shadow"
+            raise FieldError(name, "stage", "one without anything to study", allowed)
+        self._outcomes: dict[str, Outcome] = {}
+        self._traced: dict[str, Outcome] = {}
+
+    def cases(self, full: bool) -> list[Case]:
+        """Resolutions and schemes, tolerances, shadow settings and effects, as far as the stage has them."""
+        frames = self._frames(full)
+        made = self._smoke_cases(frames, full) if self._plan.domains else []
+        for name, scene in {EVERYTHING: frames, **effects_off(frames, self._plan)}.items():
+            made.append(self._run_case(EFFECTS, name, {}, scene, frames))
+        if self._shadowed:
+            alone = with_receivers(frames, receive_smoke=False)
+            traced = with_surface_shadows(alone, "area")
+            choices = [(name, share) for name in _MAPPED_FILTERS for share in _MAP_SHARES]
+            for name, share in [*choices, *((name, None) for name in _TRACED_FILTERS)]:
+                scene = with_surface_shadows(alone, name, share or 1.0)
+                texels = max(light.shadow_map_size for light in scene.lights)
+                choice = {"map": share} if share else {}
+                made.append(self._light_case(SURFACE_SHADOWS, name, choice, texels, scene, traced, frames))
+        if self._smoky:
+            alone = with_receivers(frames, receive_shadow=False)
+            traced, cells = with_smoke_shadows(alone, "ray_traced"), frames.domains[0].resolution
+            for name in _SMOKE_METHODS:
+                scene = with_smoke_shadows(alone, name)
+                made.append(self._light_case(SMOKE_SHADOWS, name, {}, cells, scene, traced, frames))
+        return made
+
+    def _frames(self, full: bool) -> Scene:
+        """The frames that are made: those of a stage without smoke are all alike."""
+        start, end = self._scene.start, self._scene.end
+        if not self._plan.domains:
+            return replace(self._scene, end=start)
+        return self._scene if full else replace(self._scene, end=min(end, start + _QUICK_FRAMES))
+
+    def _smoke_cases(self, frames: Scene, full: bool) -> list[Case]:
+        cells, resolution = sum(each.lattice.cells for each in self._plan.domains), frames.domains[0].resolution
+        finest = _FULL_FINEST_SHARE if full else _FINEST_SHARE
+        if not full:  # a large stage is studied at a coarser resolution than its own
+            resolution = min(resolution, int(resolution * (_QUICK_CELLS / cells) ** (1 / 3) / finest))
+        best = with_smoke(frames, None, round(resolution * finest))
+        made = [self._run_case(FINEST, frames.domains[0].advection or DEFAULT_ADVECTION, {}, best, best)]
+        for scheme in ADVECTION_SCHEMES:
+            for share in _FULL_SHARES if full else _SHARES:
+                scene = with_smoke(frames, scheme, max(1, round(resolution * share)))
+                made.append(self._run_case(SMOKE, scheme, {}, scene, best))
+        solvers = {each.pressure_solver for each in self._plan.domains} - {"spectral"}
+        if solvers:
+            coarse = with_smoke(frames, None, resolution)
+            for tolerance in _TOLERANCES:
+                scene, fine = with_tolerance(coarse, tolerance), with_tolerance(coarse, _FINE_TOLERANCE)
+                made.append(self._run_case(PRESSURE, min(solvers), {"tolerance": tolerance}, scene, fine))
+        return made
+
+    def _run_case(self, problem: str, method: str, parameters: dict, scene: Scene, finest: Scene) -> Case:
+        """A run of all frames against another."""
+
+        def measure(launcher: Launcher, repeats: int) -> Measured:
+            outcome, measured = run_scene(launcher, scene, repeats)
+            if scene is finest:
+                self._outcomes[_key(finest)] = outcome
+            return replace(measured, errors=differences(outcome, self._outcome(launcher, finest)))
+
+        resolution = scene.domains[0].resolution if self._plan.domains else 0
+        return Case("scene", problem, method, parameters, resolution, 1 / scene.time_codes_per_second, measure)
+
+    def _light_case(
+        self, problem: str, method: str, parameters: dict, resolution: int, scene: Scene, traced: Scene, frames: Scene
+    ) -> Case:
+        """The shadows of the last of the frames against ones traced by rays, around the same smoke."""
+
+        def measure(launcher: Launcher, repeats: int) -> Measured:
+            volumes = self._outcome(launcher, frames).volumes
+            if problem not in self._traced:
+                self._traced[problem], _ = light_scene(launcher, traced, volumes, 1)
+            outcome, measured = light_scene(launcher, scene, volumes, repeats)
+            errors = differences(outcome, self._traced[problem])
+            return replace(measured, errors={"shadows": errors["shadows"]})
+
+        return Case("scene", problem, method, parameters, resolution, None, measure)
+
+    def _outcome(self, launcher: Launcher, scene: Scene) -> Outcome:
+        """The last frame of a run that others are compared with, made when it is first asked for."""
+        key = _key(scene)
+        if key not in self._outcomes:
+            self._outcomes[key], _ = run_scene(launcher, scene, 0)
+        return self._outcomes[key]
+
+    def order(self, rows: Sequence[Row]) -> dict[tuple[str, str], float]:
+        """None: a stage has no known answer."""
+        return {}
+
+    def unexpected(self, rows: Sequence[Row]) -> list[str]:
+        """None: a stage has no known answer."""
+        return []
+
+    def explain(self, rows: Sequence[Row]) -> str:
+        """How to read the diagrams, and what to choose."""
+        read = (
+            "Each point is a setting: how long a frame takes with it, and how far its last frame is from that of the "
+            "finest run (smoke), or its shadows and bakes from those traced by rays."
+        )
+        return f"{read} {self.recommendation(rows)}"
+
+    def recommendation(self, rows: Sequence[Row]) -> str:
+        """What to choose, in one line: the cheapest setting that is nearly as good as the best."""
+        says = []
+        for problem, found in by_problem(rows).items():
+            if problem in self.TABLES:
+                continue
+            error, _ = self.PANEL_ERRORS.get(problem, (self.MAIN_ERROR, ""))
+            chosen = recommended(found, error)
+            times = max(row.median for row in found) / chosen.median
+            says.append(
+                f"for {problem} {chosen.method} at {chosen.resolution} ({duration(chosen.median)}, "
+                f"error {percent(chosen.errors[error])}, {times:.1f} times as fast as the dearest)"
+            )
+        return f"Recommended: {'; '.join(says)}." if says else "Nothing could be measured."
+
+
+def recommended(rows: Sequence[Row], error: str) -> Row:
+    """The fastest row whose error cannot be seen in a picture, or is not much larger than the least."""
+    front = pareto_front(rows, error)
+    enough = max(_UNSEEN, _GOOD_ENOUGH * front[-1].errors[error])
+    return next(row for row in front if row.errors[error] <= enough)
+
+
+def _key(scene: Scene) -> str:
+    """Tells the variants of one stage's smoke apart."""
+    domains = [(domain.resolution, domain.advection, domain.pressure_tolerance) for domain in scene.domains]
+    return f"{scene.end} {domains}"
