@@ -63,10 +63,10 @@ def test_sixteen_bit_pixels_come_back_as_they_were(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "pixels", [np.zeros((2, 2)), np.zeros((2, 2, 2), np.uint8), np.zeros((2, 2), np.uint16), np.zeros(4, np.uint8)]
+    "pixels", [np.zeros((2, 2)), np.zeros((2, 2, 2), np.uint8), np.zeros((2, 2), np.int32), np.zeros(4, np.uint8)]
 )
 def test_other_arrays_are_refused(tmp_path, pixels):
-    """Floats, two channels, 16-bit grey and rows without columns are no pictures here, and leave no file."""
+    """Floats, two channels, 32-bit numbers and rows without columns are no pictures here, and leave no file."""
     with pytest.raises(ValueError, match="uint8"):
         write_png(tmp_path / "a.png", pixels)
     assert not list(tmp_path.iterdir())

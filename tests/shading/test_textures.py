@@ -1,13 +1,11 @@
 """Textures: what files hold in linear light, bilinear sampling, what lies outside, and files that cannot be read."""
 
-import struct
-import zlib
-
 import numpy as np
 import pytest
 import warp as wp
 from PIL import Image
 
+from warp_smoke.deep_png import encode_deep_png
 from warp_smoke.launch import Rows
 from warp_smoke.record import FieldError
 from warp_smoke.scene import WRAP_MODES, Material, Texture
@@ -148,16 +146,17 @@ def test_sixteen_bits(tmp_path):
     np.testing.assert_allclose(decoded, 300 / 65535 / 12.92, rtol=1e-6)
 
 
-def test_sixteen_bit_color(tmp_path):
-    """16-bit colour is raw, and good to 1/255: Pillow keeps the upper 8 bits."""
-    header = struct.pack(">IIBBBBB", 1, 1, 16, 2, 0, 0, 0)
-    pixel = struct.pack(">B3H", 0, 0, 32768, 65535)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(pixel)), (b"IEND", b""))
-    parts = [struct.pack(">I", len(d)) + name + d + struct.pack(">I", zlib.crc32(name + d)) for name, d in chunks]
+@pytest.mark.parametrize("channels", [2, 3, 4])
+def test_sixteen_bit_color(tmp_path, channels):
+    """16-bit colour is raw and keeps all its bits, and so does its alpha; marked sRGB it is decoded."""
+    codes = np.array([[[300, 40000, 65535, 12345][:channels]]], np.uint16)
     file = tmp_path / "deep.png"
-    file.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(parts))
-    value = Picture.read(str(file), "auto").linear()[0, 0, :3]
-    np.testing.assert_allclose(value, [0.0, 0.5, 1.0], atol=1 / 255)
+    file.write_bytes(encode_deep_png(codes, 3))
+    expected = codes[0, 0] / 65535
+    expected = np.array([*np.repeat(expected[:1], 3), expected[1]] if channels == 2 else [*expected, 1.0][:4])
+    np.testing.assert_allclose(Picture.read(str(file), "auto").linear()[0, 0], expected, rtol=1e-6)
+    decoded = Picture.read(str(file), "sRGB").linear()[0, 0]
+    np.testing.assert_allclose(decoded[[0, 3]], [300 / 65535 / 12.92, expected[3]], rtol=1e-6)
 
 
 def test_black_and_white_picture(tmp_path):

@@ -1,10 +1,12 @@
 """Pictures on surfaces: read from files as codes, and what the codes mean in linear light."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from warp_smoke.deep_png import decode_deep_png
 from warp_smoke.material import COLOR_TEXTURES
 from warp_smoke.record import FieldError
 from warp_smoke.scene import Material
@@ -18,7 +20,7 @@ class Picture:
     Attributes:
         codes: [h, w, 3], or [h, w, 1] for grey; uint8 or uint16; first row at the top (v = 1).
         levels: linear value of each code, [256] or [65536] float32.
-        alpha: [h, w] uint8, always raw, or None.
+        alpha: [h, w] uint8 or uint16, always raw, or None.
     """
 
     codes: np.ndarray
@@ -27,7 +29,7 @@ class Picture:
 
     @classmethod
     def read(cls, file: str, color_space: str) -> "Picture":
-        """Reads an 8-bit picture, or 16-bit grey; of 16-bit colour Pillow keeps the upper 8 bits.
+        """Reads a picture of 8 bits, of 16-bit grey, or a PNG of 16-bit colour.
 
         Args:
             file: in any format that Pillow reads.
@@ -37,25 +39,13 @@ class Picture:
             OSError: the file is missing, damaged, or not such a picture.
         """
         try:
-            alpha = None
             with Image.open(file) as image:
-                sixteen_bits = any(";16" in str(tile.args) for tile in image.tile)
-                if image.mode.startswith("I;16"):
-                    codes = np.asarray(image).astype(np.uint16)
-                elif image.mode in ("1", "L", "LA"):
-                    codes = np.asarray(image.convert("L"))
-                elif image.mode in ("I", "F"):
-                    raise OSError("numbers of 32 bits")
-                else:
-                    codes = np.asarray(image.convert("RGB"))
-                if "A" in image.getbands() or "transparency" in image.info:
-                    alpha = np.asarray(image.convert("RGBA"))[..., 3]
+                deep = image.mode.startswith("I;16") or any(";16" in str(tile.args) for tile in image.tile)
+                codes, alpha = _read_deep(image, file) if deep else _read_codes(image)
         except (SyntaxError, Image.DecompressionBombError) as error:  # some damaged files; too large ones
             raise OSError(str(error)) from None
-        if codes.ndim == 2:
-            codes = codes[..., None]
         levels = np.linspace(0.0, 1.0, 65536 if codes.dtype == np.uint16 else 256)
-        if color_space == "sRGB" or (color_space == "auto" and codes.shape[2] == 3 and not sixteen_bits):
+        if color_space == "sRGB" or (color_space == "auto" and codes.shape[2] == 3 and not deep):
             levels = decode_srgb(levels)
         return cls(codes, levels.astype(np.float32), alpha)
 
@@ -64,8 +54,30 @@ class Picture:
         pixels = np.ones((*self.codes.shape[:2], 4), np.float32)
         pixels[..., :3] = self.levels[self.codes]
         if self.alpha is not None:
-            pixels[..., 3] = self.alpha / np.float32(255.0)
+            pixels[..., 3] = self.alpha / np.float32(np.iinfo(self.alpha.dtype).max)
         return pixels
+
+
+def _read_codes(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
+    """Codes of 8 bits [h, w, 1 or 3], and alpha [h, w]."""
+    if image.mode in ("I", "F"):
+        raise OSError("numbers of 32 bits")
+    codes = np.asarray(image.convert("L" if image.mode in ("1", "L", "LA") else "RGB"))
+    alpha = None
+    if "A" in image.getbands() or "transparency" in image.info:
+        alpha = np.asarray(image.convert("RGBA"))[..., 3]
+    return codes.reshape(*codes.shape[:2], -1), alpha
+
+
+def _read_deep(image: Image.Image, file: str) -> tuple[np.ndarray, np.ndarray | None]:
+    """Codes of 16 bits [h, w, 1 or 3], and alpha [h, w]; of colour Pillow would keep the upper 8 bits."""
+    if image.mode.startswith("I;16"):
+        return np.asarray(image).astype(np.uint16)[..., None], None
+    if image.format != "PNG":
+        raise OSError(f"16-bit colour in {image.format}; it is read from PNG")
+    pixels = decode_deep_png(Path(file).read_bytes())
+    colors = pixels.shape[2] - 1 + pixels.shape[2] % 2
+    return pixels[..., :colors], pixels[..., colors] if colors < pixels.shape[2] else None
 
 
 def read_texture(material: Material, field: str) -> Picture:
