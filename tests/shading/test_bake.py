@@ -264,6 +264,38 @@ def test_faces_have_their_own_materials(launcher):
     np.testing.assert_array_equal(picture[:, SIZE // 2 :], np.broadcast_to([0, 0, 255], (SIZE, SIZE // 2, 3)))
 
 
+def test_sixteen_bits(launcher):
+    """All bakes hold what they do with 8 bits, to half a code of 16: lit as sRGB, with alpha, the others raw."""
+    material = Material(diffuse_color=(0.8, 0.5, 0.2), opacity=0.3)
+    receiver = Receiver(path="/Floor", texture_size=SIZE, texture_bits=16)
+    bakes = ["lit", "irradiance", "visibility", "smokeShadow", "normal"]
+    surface = floor(material=material, receiver=receiver, transform=turned(0.3))
+    options = {"bakes": bakes, "shadowed": ["/Sun"], "smoke_shadowed": ["/Sun"]}
+    bake = ReceiverBake(launcher, surface, [SUN], ORIGIN, **options)
+    bake.update(1.0)
+    bake.visibility["/Sun"].fill_(0.375)
+    bake.transmittance["/Sun"].fill_(0.6)
+    light = 1.5 / np.pi * np.array([0.3, 0.5, 1.0]) * np.cos(0.3) * 0.375 * 0.6
+    expected = {
+        "lit": 65535 * np.array([*srgb(light * (0.8, 0.5, 0.2)) / 255, 0.3]),
+        "irradiance": 65535 * light,
+        "visibility": 65535 * np.array([0.375]),
+        "smokeShadow": 65535 * np.array([0.6]),
+        "normal": 32767.5 * (np.array([np.sin(0.3), np.cos(0.3), 0.0]) + 1),
+    }
+    for name in bakes:
+        picture = bake.picture(name)
+        assert picture.dtype == np.uint16
+        # A tenth more than half a code: float32's pow is good to about 1e-6 of 65535 codes.
+        assert np.abs(picture.reshape(SIZE, SIZE, -1) - expected[name]).max() <= 0.6, name
+
+
+def turned(angle):
+    """A transform that leans the upward direction towards x."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1]])
+
+
 def test_opacity_is_the_alpha_of_what_is_lit(launcher):
     """A see-through material makes lit RGBA; the other bakes stay as they are."""
     surface = floor(material=Material(diffuse_color=(1, 1, 1), opacity=0.4))

@@ -6,7 +6,7 @@ import numpy as np
 
 from warp_smoke.geometry import Mesh
 from warp_smoke.material import Material
-from warp_smoke.record import FieldError, Record, Samples, one_of, read_only, switch, whole
+from warp_smoke.record import FieldError, Record, Samples, flag, read_only, switch, tokens, whole
 from warp_smoke.scene.prim import Prim
 from warp_smoke.uv_fit import UvFit, fit_unit_square
 
@@ -27,14 +27,17 @@ class Receiver(Record):
     path: str
     bake: tuple[str, ...] = ("lit",)
     texture_size: int = 1024
+    texture_bits: int = 8
     receive_smoke: bool = True
     receive_shadow: bool = True
     given: frozenset[str] = field(default=frozenset(), compare=False)
 
     def __post_init__(self):
-        self._store("bake", tuple(dict.fromkeys(self.bake)))
-        for token in self.bake:
-            one_of(self.path, "bake", token, BAKES)
+        self._store("bake", tuple(dict.fromkeys(tokens(self.path, "bake", self.bake, BAKES))))
+        for name in ("receive_smoke", "receive_shadow"):
+            self._store(name, flag(self.path, name, getattr(self, name)))
+        if self.texture_bits not in (8, 16):
+            raise FieldError(self.path, "texture_bits", self.texture_bits, "8, 16")
         self._store("texture_size", whole(self.path, "texture_size", self.texture_size, 1, 16384))
 
 

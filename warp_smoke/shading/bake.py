@@ -182,9 +182,10 @@ class ReceiverBake:
             bake: one of `bakes`.
 
         Returns:
-            From a `TexelMap` lit as sRGB uint8 [h, w, 3], or [h, w, 4] with opacity where there is any, irradiance as
-            linear uint16 [h, w, 3], normal as directions uint8 [h, w, 3], and shares as raw uint8 [h, w]; first row at
-            the top. From a `VertexMap` linear RGB or directions [n, 3], or shares [n], float32.
+            From a `TexelMap` lit as sRGB [h, w, 3], or [h, w, 4] with opacity where there is any, irradiance as linear
+            [h, w, 3], normal as directions [h, w, 3], and shares as raw [h, w]; uint8, or uint16 where the receiver
+            asks for 16 bits and always for irradiance; first row at the top. From a `VertexMap` linear RGB or
+            directions [n, 3], or shares [n], float32.
         """
         surfaces = (self._visibility, self._visibility_row)
         if bake == "normal":

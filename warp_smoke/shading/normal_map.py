@@ -39,9 +39,10 @@ def _slope(heights: np.ndarray, axis: int, wrap: str) -> np.ndarray:
     return np.gradient(heights, axis=axis) if heights.shape[axis] > 1 else np.zeros_like(heights)
 
 
-def encode_normals(normals: np.ndarray) -> np.ndarray:
-    """Unit normals as 8-bit codes 127.5 (n + 1), rounded, uint8 of the same shape."""
-    return np.rint(127.5 * (np.clip(normals, -1.0, 1.0) + 1.0)).astype(np.uint8)
+def encode_normals(normals: np.ndarray, bits: int = 8) -> np.ndarray:
+    """Unit normals as codes 127.5 (n + 1), rounded, uint8 of the same shape; or 32767.5 (n + 1), uint16, of 16 bits."""
+    half = 0.5 * (2**bits - 1)
+    return np.rint(half * (np.clip(normals, -1.0, 1.0) + 1.0)).astype(np.uint8 if bits == 8 else np.uint16)
 
 
 def decode_normals(codes: np.ndarray) -> np.ndarray:
@@ -53,15 +54,15 @@ def pack_channels(rgb: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """One RGBA picture of a map of three channels and one of one: base and gloss, or normals and height.
 
     Args:
-        rgb: [h, w, 3] uint8.
-        alpha: [h, w] uint8.
+        rgb: [h, w, 3] uint8 or uint16.
+        alpha: [h, w], of the same type.
 
     Raises:
-        ValueError: the maps differ in size or are not 8-bit.
+        ValueError: the maps differ in size or type.
     """
     for pixels in (rgb, alpha):
-        if pixels.dtype != np.uint8:
-            raise ValueError(f"pixels are {pixels.dtype}; allowed: uint8")
+        if pixels.dtype not in (np.uint8, np.uint16) or pixels.dtype != rgb.dtype:
+            raise ValueError(f"pixels are {pixels.dtype}; allowed: uint8 or uint16, the same for both maps")
     if rgb.shape != (*alpha.shape, 3):
         raise ValueError(f"maps have shapes {list(rgb.shape)} and {list(alpha.shape)}; allowed: [h, w, 3] and [h, w]")
     return np.dstack([rgb, alpha])

@@ -60,7 +60,8 @@ class TexelMap:
         self._srgb = make_srgb_table(launcher)
         self._color_codes = launcher.zeros((self.size**2, 3), "bake", dtype=wp.uint8)
         self._share_codes = launcher.zeros(self.size**2, "bake", dtype=wp.uint8)
-        self._linear_codes = None
+        self._bits = surface.receiver.texture_bits
+        self._deep_codes = None
 
     def _rows(self, count: int) -> int:
         return count if self._needs_tangents else 1
@@ -82,28 +83,37 @@ class TexelMap:
         return True
 
     def color_picture(self, colors: wp.array) -> np.ndarray:
-        """Linear RGB of each texel, [n] vec3, as an sRGB picture, [size, size, 3] uint8; black where no surface is."""
+        """Linear RGB of each texel, [n] vec3, as an sRGB picture, [size, size, 3]; black where no surface is."""
+        if self._bits == 16:
+            return self._deep_picture(colors, srgb=True)
         args = (self._source, colors, self._srgb, self._color_codes)
         self._launcher.launch_each(_encode_colors, self.size**2, *args)
         return self._color_codes.numpy().reshape(self.size, self.size, 3).copy()
 
     def linear_picture(self, colors: wp.array) -> np.ndarray:
         """Linear RGB of each texel, [n] vec3, as a raw picture, [size, size, 3] uint16; black where no surface is."""
-        if self._linear_codes is None:
-            self._linear_codes = self._launcher.zeros((self.size**2, 3), "bake", dtype=wp.uint16)
-        args = (self._source, colors, self._linear_codes)
-        self._launcher.launch_each(_encode_linear, self.size**2, *args)
-        return self._linear_codes.numpy().reshape(self.size, self.size, 3).copy()
+        return self._deep_picture(colors, srgb=False)
+
+    def _deep_picture(self, colors: wp.array, srgb: bool) -> np.ndarray:
+        if self._deep_codes is None:
+            self._deep_codes = self._launcher.zeros((self.size**2, 3), "bake", dtype=wp.uint16)
+        args = (self._source, colors, int(srgb), self._deep_codes)
+        self._launcher.launch_each(_encode_deep, self.size**2, *args)
+        return self._deep_codes.numpy().reshape(self.size, self.size, 3).copy()
 
     def direction_picture(self, directions: wp.array) -> np.ndarray:
-        """Unit vectors of each texel, [n] vec3, as codes 127.5 (n + 1), [size, size, 3] uint8; 0 without a surface."""
+        """Unit vectors of each texel, [n] vec3, as codes of ½ (n + 1), [size, size, 3]; 0 without a surface."""
         found = self._source.numpy().reshape(self.size, self.size)
-        pixels = encode_normals(directions.numpy())[np.maximum(found, 0)]
+        pixels = encode_normals(directions.numpy(), self._bits)[np.maximum(found, 0)]
         pixels[found < 0] = 0
         return pixels
 
     def share_picture(self, shares: wp.array) -> np.ndarray:
-        """Shares 0…1 of each texel, [n] float, as a raw picture, [size, size] uint8; 0 where no surface is."""
+        """Shares 0…1 of each texel, [n] float, as a raw picture, [size, size]; 0 where no surface is."""
+        if self._bits == 16:
+            found = self._source.numpy().reshape(self.size, self.size)
+            codes = np.rint(65535.0 * np.clip(shares.numpy(), 0.0, 1.0)).astype(np.uint16)
+            return np.where(found >= 0, codes[found], np.uint16(0))
         args = (self._source, shares, self._share_codes)
         self._launcher.launch_each(_encode_shares, self.size**2, *args)
         return self._share_codes.numpy().reshape(self.size, self.size).copy()
@@ -169,14 +179,18 @@ def _place_tangents(
 
 
 @wp.kernel
-def _encode_linear(rows: Rows, source: wp.array[int], colors: wp.array[wp.vec3], codes_out: wp.array2d[wp.uint16]):
-    """codes[p] = round(65535 colors[source[p]]), or 0 without a source."""
+def _encode_deep(
+    rows: Rows, source: wp.array[int], colors: wp.array[wp.vec3], srgb: int, codes_out: wp.array2d[wp.uint16]
+):
+    """codes[p] = round(65535 colors[source[p]]), or of their sRGB values, or 0 without a source."""
     p = rows.first + wp.tid()
     s = source[p]
     for channel in range(3):
-        value = 0.0
+        value = wp.float32(0.0)
         if s >= 0 and colors[s][channel] > 0.0:  # not so for NaN
             value = wp.min(colors[s][channel], 1.0)
+        if srgb > 0:
+            value = wp.where(value <= 0.0031308, 12.92 * value, 1.055 * wp.pow(value, 1.0 / 2.4) - 0.055)
         codes_out[p, channel] = wp.uint16(int(65535.0 * value + 0.5))
 
 
