@@ -1,5 +1,6 @@
 """Frozen records compared by value, arrays included, and the one error that a bad field raises."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -169,9 +170,23 @@ def whole(path: str, field: str, value: object, low: int, high: int) -> int:
 
 def one_of(path: str, field: str, value: object, allowed: tuple[str, ...]) -> str:
     """One of a few tokens."""
-    if value not in allowed:
+    if not isinstance(value, str) or value not in allowed:
         raise FieldError(path, field, value, ", ".join(allowed))
     return value
+
+
+def tokens(path: str, field: str, value: object, allowed: tuple[str, ...]) -> tuple[str, ...]:
+    """Any number of a few tokens."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise FieldError(path, field, value, "a list of " + ", ".join(allowed))
+    return tuple(one_of(path, field, token, allowed) for token in value)
+
+
+def flag(path: str, field: str, value: object) -> bool:
+    """True or false, which may not change in time."""
+    if not isinstance(value, bool | np.bool_):
+        raise FieldError(path, field, value, "true or false")
+    return bool(value)
 
 
 def switch(path: str, field: str, value: object) -> bool | Samples:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_smoke.record import VAST, FieldError, Samples, at_least, each_value, one_of, positive, switch, whole
+from warp_smoke.record import VAST, FieldError, Samples, at_least, each_value, flag, one_of, positive, switch, whole
 from warp_smoke.scene.prim import Prim
 from warp_smoke.scene.smoke import MAX_RESOLUTION
 
@@ -78,6 +78,7 @@ class Light(Prim):
         self._check(at_least, "intensity", largest=VAST)
         self._check(at_least, "smoke_diffusion")
         self._check(switch, "enabled")
+        self._check(flag, "normalize", "shadow_enable", "shadow_cull_front")
         for name in ("illuminates", "shadowed_by"):
             if getattr(self, name) is not None:
                 self._store(name, tuple(getattr(self, name)))

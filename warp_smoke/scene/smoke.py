@@ -12,9 +12,11 @@ from warp_smoke.record import (
     at_least,
     each_value,
     finite,
+    flag,
     one_of,
     positive,
     switch,
+    tokens,
     whole,
 )
 from warp_smoke.scene.prim import Prim
@@ -114,14 +116,12 @@ class SmokeDomain(Prim):
         if max(self.albedo) > 1:
             raise FieldError(self.path, "albedo", self.albedo, "0 to 1")
         if self.boundary is not None:
-            self._store("boundary", tuple(self.boundary))
+            self._check(tokens, "boundary", allowed=BOUNDARIES)
             if len(self.boundary) != len(SIDES):
                 raise FieldError(self.path, "boundary", self.boundary, "six tokens, one for each of " + " ".join(SIDES))
-            for token in self.boundary:
-                one_of(self.path, "boundary", token, BOUNDARIES)
+        self._check(flag, "active_box")
+        self._check(tokens, "grids", allowed=GRIDS)
         self._store("grids", tuple(dict.fromkeys(self.grids)))
-        for token in self.grids:
-            one_of(self.path, "grids", token, GRIDS)
         if self.advection is not None:
             self._check(one_of, "advection", allowed=ADVECTION_SCHEMES)
         if self.pressure_solver is not None:

@@ -58,7 +58,7 @@ def _read_widths(reader: StageReader, prim: Usd.Prim, count: int) -> np.ndarray 
         attribute, interpolation = primvar.GetAttr(), primvar.GetInterpolation()
 
     def widths_at(time: float) -> np.ndarray:
-        widths = _array(attribute.Get(time), np.float32)
+        widths = _array(attribute, attribute.Get(time), np.float32)
         if interpolation == UsdGeom.Tokens.constant and len(widths) == 1:
             return np.repeat(widths, count)
         if len(widths) != count:
@@ -72,8 +72,8 @@ def _read_widths(reader: StageReader, prim: Usd.Prim, count: int) -> np.ndarray 
 def _read_polygons(reader: StageReader, mesh: UsdGeom.Mesh) -> Mesh:
     points = _read_points(reader, mesh)
     still_points = points.at(reader.start) if isinstance(points, Samples) else points
-    counts = _array(reader.still(mesh.GetFaceVertexCountsAttr()), np.int64)
-    indices = _array(reader.still(mesh.GetFaceVertexIndicesAttr()), np.int64)
+    counts = _still_array(reader, mesh.GetFaceVertexCountsAttr())
+    indices = _still_array(reader, mesh.GetFaceVertexIndicesAttr())
     path = str(mesh.GetPath())
     if len(counts) and (counts.min() < 0 or counts.sum() != len(indices)):
         raise FieldError(path, "faceVertexCounts", f"{counts.sum()} corners in all", f"{len(indices)}, one an index")
@@ -82,7 +82,7 @@ def _read_polygons(reader: StageReader, mesh: UsdGeom.Mesh) -> Mesh:
         raise FieldError(path, "faceVertexIndices", f"{indices.min()}…{indices.max()}", allowed)
 
     corners, polygon = triangulate(still_points, counts, indices)
-    holes = _array(reader.still(mesh.GetHoleIndicesAttr()), np.int64)
+    holes = _still_array(reader, mesh.GetHoleIndicesAttr())
     if len(holes):
         solid = ~np.isin(polygon, holes)
         corners, polygon = corners[solid], polygon[solid]
@@ -114,9 +114,9 @@ def _read_polygons(reader: StageReader, mesh: UsdGeom.Mesh) -> Mesh:
 def _read_points(reader: StageReader, mesh: UsdGeom.PointBased) -> np.ndarray | Samples:
     """The points [n, 3] float32, or Samples [t, n, 3]."""
     attribute = mesh.GetPointsAttr()
-    first = _array(attribute.Get(reader.start), np.float32).reshape(-1, 3)
+    first = _array(attribute, attribute.Get(reader.start), np.float32, 3)
     times = reader.sample_times([attribute])
-    every = [_array(attribute.Get(time), np.float32).reshape(-1, 3) for time in times]
+    every = [_array(attribute, attribute.Get(time), np.float32, 3) for time in times]
     if len(times) < 2 or all(np.array_equal(one, first, equal_nan=True) for one in every):
         return first
     if any(len(one) != len(first) for one in every):
@@ -143,7 +143,7 @@ def _read_normals(
         attribute, interpolation = mesh.GetNormalsAttr(), mesh.GetNormalsInterpolation()
         value_at_time = attribute.Get
     times = reader.sample_times([attribute])
-    given = {time: _array(value_at_time(time), np.float32).reshape(-1, 3) for time in (*times, reader.start)}
+    given = {time: _array(attribute, value_at_time(time), np.float32, 3) for time in (*times, reader.start)}
     if len(given[reader.start]):
         if all(each_corner(values, interpolation) is not None for values in given.values()):
 
@@ -181,7 +181,7 @@ def _read_uvs(
     primvar = uv_primvar(mesh.GetPrim())
     if primvar is None:
         return None
-    values = _array(primvar.ComputeFlattened(reader.start), np.float32).reshape(-1, 2)
+    values = _array(primvar.GetAttr(), primvar.ComputeFlattened(reader.start), np.float32, 2)
     uvs = each_corner(values, primvar.GetInterpolation())
     if uvs is None:
         text = f"{primvar.GetName()} has {len(values)} values, which do not fit the mesh; they are left out"
@@ -191,8 +191,27 @@ def _read_uvs(
     return uvs
 
 
-def _array(values: object, dtype: type) -> np.ndarray:
-    return np.zeros(0, dtype) if values is None else np.asarray(values, dtype)
+def _still_array(reader: StageReader, attribute: Usd.Attribute) -> np.ndarray:
+    """An attribute's whole numbers, [n] int64."""
+    return _array(attribute, reader.still(attribute), np.int64)
+
+
+def _array(attribute: Usd.Attribute, values: object, dtype: type, width: int | None = None) -> np.ndarray:
+    """What an attribute holds as [n], or as [n, width]; nothing if it is unset.
+
+    Raises:
+        FieldError: it holds something else.
+    """
+    shape = () if width is None else (width,)
+    found = np.asarray(() if values is None else values)
+    if not found.size:
+        return np.zeros((0, *shape), dtype)
+    kinds, allowed = ("iu", "whole numbers") if np.issubdtype(dtype, np.integer) else ("iuf", "numbers")
+    if found.dtype.kind not in kinds or found.ndim != 1 + len(shape) or found.shape[1:] != shape:
+        allowed = f"an array of {allowed}" + (f", {width} each" if width else "")
+        raise FieldError(str(attribute.GetPrim().GetPath()), attribute.GetName(), values, allowed)
+    with np.errstate(over="ignore"):  # what becomes infinite is refused later
+        return found.astype(dtype)
 
 
 def _read_gprim(reader: StageReader, prim: Usd.Prim) -> Mesh:
