@@ -14,6 +14,7 @@ from warp_smoke.shadow.coverage import (
     flat_rectangles,
     frame_along,
     launch_size,
+    patches_of,
 )
 
 coordinate = st.floats(-5, 5, allow_nan=False)
@@ -74,6 +75,20 @@ def test_ground_and_walls_cast_nothing():
     ground = floor.points_at(1)[floor.triangles]
     flat = np.array([[[-4, 0, -4], [4, 0, 4]]], float)
     assert len(casting_boxes(ground, np.zeros(2, int), flat, inside, 1e-5)) == 0
+
+
+def test_patches_are_small_and_of_one_surface():
+    """Patches of a sphere span a sixteenth of it and a triangle; another surface, however near, has its own."""
+    ball, box = Mesh.sphere(1.0, segments=64), Mesh.box(2.0)
+    triangles = np.concatenate([m.points_at(1)[m.triangles] for m in (ball, box)])
+    owners = np.repeat([0, 3], [len(ball.triangles), len(box.triangles)])
+    patches = patches_of(triangles, owners)
+    assert not set(patches[owners == 0]) & set(patches[owners == 3])
+    assert np.all(np.sort(patches[owners == 0]) < patches[owners == 3].min())
+    edge = 2 * np.pi / 64
+    for patch in np.unique(patches[owners == 0]):
+        corners = triangles[patches == patch].reshape(-1, 3)
+        assert np.ptp(corners, axis=0).max() < 2.0 / 16 + 2 * edge
 
 
 def test_launch_sizes_are_few():

@@ -10,10 +10,12 @@ from warp_smoke.shadow.bias import Bias, fixed_bias, light_bias, round_off, tang
 from warp_smoke.shadow.caster_mask import CasterMask, CasterTiles, may_be_shadowed
 from warp_smoke.shadow.casters import Casters, nearest_hit
 from warp_smoke.shadow.filters import Taps
+from warp_smoke.shadow.umbra import deepest_of_tile, deepest_within
 
 wp.set_module_options({"enable_backward": False})
 
 _TILE = wp.constant(coverage.TILE)
+_FARTHEST_TAP = wp.constant(3.0**0.5)  # of the offsets of fixed filters, in half-widths
 
 
 @wp.struct
@@ -22,6 +24,7 @@ class DirectionalMap:
 
     Attributes:
         depth: (depth of the nearest surface − near) / (far − near) at texel centres, 1 where there is none, [t, s].
+        deepest: largest `depth` in each tile, [1, rows, columns]; 1 where nothing was traced.
         s_axis, t_axis, direction: unit vectors: to the right and down in the map, and the way the light shines.
         s, t: of the map's upper left corner.
         texel: side of a texel.
@@ -30,6 +33,7 @@ class DirectionalMap:
     """
 
     depth: wp.array2d[float]
+    deepest: wp.array3d[float]
     s_axis: wp.vec3
     t_axis: wp.vec3
     direction: wp.vec3
@@ -64,6 +68,33 @@ def nearest_of_texel(m: DirectionalMap, point: wp.vec3, normal: wp.vec3, cosine:
         along += wp.dot(offset, m.t_axis) * wp.dot(normal, m.t_axis)
         d += along / wp.max(cosine, 1.0e-6) - m.bias.spread * tangent(cosine)
     return d
+
+
+@wp.func
+def in_umbra(m: DirectionalMap, point: wp.vec3, normal: wp.vec3, cosine: float, reach: float):
+    """Whether all within `reach` of a point lies deeper than what is stored there: never true where it does not."""
+    s = (wp.dot(point, m.s_axis) - m.s) / m.texel
+    t = (wp.dot(point, m.t_axis) - m.t) / m.texel
+    deepest = deepest_within(m.deepest, m.depth.shape[0], 0, s, t, reach / m.texel)
+    found = wp.bool(False)
+    if deepest < 1.0:
+        least = nearest_of_texel(m, point, normal, cosine, wp.vec3())
+        if m.bias.spread > 0.0:
+            least -= reach * tangent(cosine)
+        found = least > deepest * (m.far - m.near)
+    return found
+
+
+@wp.kernel
+def _bound_tiles(
+    rows: Rows, depth: wp.array3d[float], tiles: wp.array[int], count: int, deepest_out: wp.array3d[float]
+):
+    """deepest[0,t,s] = max depth in the tile, for the first `count` tiles."""
+    n = rows.first + wp.tid()
+    if n < count:
+        row = tiles[n] // deepest_out.shape[1]
+        column = tiles[n] % deepest_out.shape[1]
+        deepest_out[0, row, column] = deepest_of_tile(depth, 0, row, column)
 
 
 @wp.kernel
@@ -113,10 +144,11 @@ def _filter_taps(
         if wp.dot(p, m.direction) <= m.far and may_be_shadowed(mask, p):
             reach = taps.radius * (1.0 + taps.growth * wp.length(p - taps.eye)) + taps.texels * m.texel
             lit = wp.float32(0.0)
-            for k in range(taps.offsets.shape[0]):
-                o = reach * taps.offsets[k]
-                if nearest_of_texel(m, p, normals[n], cosine, o) <= stored_depth(m, p + o):
-                    lit += 1.0
+            if not in_umbra(m, p, normals[n], cosine, _FARTHEST_TAP * reach):
+                for k in range(taps.offsets.shape[0]):
+                    o = reach * taps.offsets[k]
+                    if nearest_of_texel(m, p, normals[n], cosine, o) <= stored_depth(m, p + o):
+                        lit += 1.0
             visible = lit / float(taps.offsets.shape[0])
     visibility_out[n] = visible
 
@@ -145,12 +177,15 @@ def _filter_penumbra(
             reach = wp.max(spread * d, smallest)
             total = wp.float32(0.0)
             blockers = wp.float32(0.0)
-            for k in range(taps.offsets.shape[0]):
-                o = reach * taps.offsets[k]
-                stored = stored_depth(m, p + o)
-                if nearest_of_texel(m, p, normals[n], cosine, o) > stored:
-                    blockers += 1.0
-                    total += stored
+            if in_umbra(m, p, normals[n], cosine, reach):
+                visible = wp.float32(0.0)
+            else:
+                for k in range(taps.offsets.shape[0]):
+                    o = reach * taps.offsets[k]
+                    stored = stored_depth(m, p + o)
+                    if nearest_of_texel(m, p, normals[n], cosine, o) > stored:
+                        blockers += 1.0
+                        total += stored
             if blockers > 0.0:
                 reach = wp.max(spread * (d - total / blockers), smallest)
                 lit = wp.float32(0.0)
@@ -197,8 +232,10 @@ class DirectionalShadow:
         self._receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
         size = light.shadow_map_size
         self._depth = launcher.zeros((size, size), "shadow_map")
-        self._depth.fill_(1.0)
-        self._tiles = launcher.zeros((-(-size // coverage.TILE)) ** 2, "shadow_map", dtype=int)
+        across = -(-size // coverage.TILE)
+        self._deepest = launcher.zeros((1, across, across), "shadow_map")
+        self._clear()
+        self._tiles = launcher.zeros(across**2, "shadow_map", dtype=int)
         self._mask = CasterTiles(launcher, 1, size)
         self._traced, self._looked, self._covered = None, None, None
         self.rays = 0
@@ -237,7 +274,7 @@ class DirectionalShadow:
         far = max(received[:, 2].max(), near) + 2.0 * margin
 
         self.map = DirectionalMap()
-        self.map.depth = self._depth
+        self.map.depth, self.map.deepest = self._depth, self._deepest
         self.map.s_axis, self.map.t_axis, self.map.direction = (wp.vec3(*axis.tolist()) for axis in frame)
         self.map.s, self.map.t = corner.tolist()
         self.map.texel, self.map.near, self.map.far = float(texel), float(near), float(far)
@@ -257,16 +294,22 @@ class DirectionalShadow:
         self._mask.place(near_caster, frame[None], middle, 0.5 * width + reach, False)
         covered = casting & receiving
         if self._covered is not None and np.any(self._covered & ~covered):
-            self._depth.fill_(1.0)
+            self._clear()
         self._covered = covered
         tiles = np.flatnonzero(covered).astype(np.int32)
         self.rays = len(tiles) * coverage.TILE**2
         if len(tiles):
             self._tiles[: len(tiles)].assign(tiles)
             cull = 1.0 if light.shadow_cull_front else 0.0
-            count = coverage.launch_size(len(tiles)) * coverage.TILE**2
+            size = coverage.launch_size(len(tiles))
             args = (casters.mesh.id, self.map, cull, self._tiles, len(tiles), self._depth)
-            self._launcher.launch_each(_trace_directional, count, *args)
+            self._launcher.launch_each(_trace_directional, size * coverage.TILE**2, *args)
+            faces = self._depth.reshape((1, *self._depth.shape))
+            self._launcher.launch_each(_bound_tiles, size, faces, self._tiles, len(tiles), self._deepest)
+
+    def _clear(self) -> None:
+        self._depth.fill_(1.0)
+        self._deepest.fill_(1.0)
 
     @property
     def _spread(self) -> float:

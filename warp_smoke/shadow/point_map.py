@@ -9,14 +9,16 @@ import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.shadow import coverage
-from warp_smoke.shadow.bias import Bias, fixed_bias, tangent
+from warp_smoke.shadow.bias import Bias, fixed_bias
 from warp_smoke.shadow.caster_mask import CasterMask, face_towards, may_be_shadowed
 from warp_smoke.shadow.casters import nearest_hit
 from warp_smoke.shadow.filters import Taps
+from warp_smoke.shadow.umbra import deepest_of_tile, deepest_within
 
 wp.set_module_options({"enable_backward": False})
 
 _TILE = wp.constant(coverage.TILE)
+_FARTHEST_TAP = wp.constant(3.0**0.5)  # of the offsets of fixed filters, in half-widths
 
 
 @wp.struct
@@ -25,6 +27,7 @@ class PointMap:
 
     Attributes:
         depth: distance / far, [faces, size, size] by face, row and column.
+        deepest: largest `depth` in each tile, [faces, rows, columns]; 1 where nothing was traced.
         frames: axes s, t and the way it looks of each face, one a row, [faces].
         slope: tangent of the angle between the way a face looks and the middle of its side: 1 for a cube.
         position: the light in set space.
@@ -33,6 +36,7 @@ class PointMap:
     """
 
     depth: wp.array3d[float]
+    deepest: wp.array3d[float]
     frames: wp.array[wp.mat33]
     slope: float
     position: wp.vec3
@@ -53,45 +57,72 @@ def map_coordinates(m: PointMap, r: wp.vec3):
 
 
 @wp.func
-def stored_depth(m: PointMap, c: wp.vec4):
-    """The depth at map coordinates: the texel that they fall in; 1 beside the map."""
+def stored_depth(m: PointMap, face: int, u: wp.vec3):
+    """The depth of the texel that a direction along a face's axes falls in; 1 beside the map."""
     size = m.depth.shape[1]
     limit = float(size)
+    scale = 0.5 * limit / (m.slope * wp.max(u[2], 1.0e-30))
+    s = 0.5 * limit + scale * u[0]
+    t = 0.5 * limit + scale * u[1]
     depth = wp.float32(1.0)
-    if c[3] > 0.0 and c[1] >= 0.0 and c[2] >= 0.0 and c[1] <= limit and c[2] <= limit:
-        depth = m.depth[int(c[0]), wp.min(int(c[2]), size - 1), wp.min(int(c[1]), size - 1)]
+    if u[2] > 0.0 and s >= 0.0 and t >= 0.0 and s <= limit and t <= limit:
+        depth = m.depth[face, wp.min(int(t), size - 1), wp.min(int(s), size - 1)]
+    elif m.depth.shape[0] == 6:
+        c = map_coordinates(m, wp.transpose(m.frames[face]) * u)
+        depth = m.depth[int(c[0]), wp.clamp(int(c[2]), 0, size - 1), wp.clamp(int(c[1]), 0, size - 1)]
     return depth
 
 
 @wp.func
-def nearest_of_texel(m: PointMap, r: wp.vec3, normal: wp.vec3, u: wp.vec3):
-    """The least distance, less the bias, at which the plane through the point r may lie in the texel around u; or −1.
+def look_up(m: PointMap, face: int, r: wp.vec3, normal: wp.vec3, u: wp.vec3):
+    """(1, lit, stored distance of what shadows it or 0) of the texel around u, for the point r on a plane n·r < 0.
+
+    All vectors are along the axes of the face that r points to.
 
     Along u the plane lies at e = |u| (n·r) / (n·u), taken to be |r| at most: that takes a third of the acne from a
-    rough mesh's hollows. With x = spread · tan θ it is nowhere in the texel nearer than e / (1 + x): the least bias
-    without acne on planes, for any θ. A light's own bias is taken off |r|. Where u passes over the plane's horizon,
-    the result is −1.
+    rough mesh's hollows. With x = spread · tan θ it is nowhere in the texel nearer than e / (1 + x): so a texel with
+    depth s is lit if e ≤ (s + c) (1 + x), the least bias without acne on planes, for any θ. It is compared times n·u.
+    A light's own bias is taken off |r|. Where u passes over the plane's horizon, all is 0.
     """
-    length = wp.length(u)
-    along = wp.dot(u, normal)
-    cosine = -along / wp.max(length, 1.0e-30)
-    nearest = wp.float32(-1.0)
+    stored = stored_depth(m, face, u)
+    s = stored * m.far
+    d = wp.length(r)
+    facing = -wp.dot(r, normal)
+    counts = wp.float32(1.0)
+    lit = stored >= 1.0
     if m.bias.spread == 0.0:
-        nearest = wp.max(wp.length(r) - fixed_bias(m.bias, -wp.dot(r, normal) / wp.max(wp.length(r), 1.0e-30)), 0.0)
-    elif cosine > 0.0:
-        e = wp.min(length * wp.dot(r, normal) / along, wp.length(r))
-        nearest = wp.max(e / (1.0 + m.bias.spread * tangent(cosine)) - m.bias.constant, 0.0)
-    return nearest
+        lit = lit or d - fixed_bias(m.bias, facing / wp.max(d, 1.0e-30)) <= s
+    else:
+        along = -wp.dot(u, normal)
+        if along <= 0.0:
+            counts = wp.float32(0.0)
+        elif not lit:
+            square = wp.dot(u, u)
+            across = wp.sqrt(wp.max(square - along * along, 0.0))
+            nearest = wp.min(wp.sqrt(square) * facing, d * along)
+            lit = nearest <= (s + m.bias.constant) * (along + m.bias.spread * across)
+    passed = wp.where(lit, counts, 0.0)
+    return wp.vec3(counts, passed, (counts - passed) * s)
 
 
 @wp.func
-def look_up(m: PointMap, r: wp.vec3, normal: wp.vec3, u: wp.vec3):
-    """(1, lit, stored distance of what shadows it or 0) of the texel around u; all 0 if u passes over the horizon."""
-    nearest = nearest_of_texel(m, r, normal, u)
-    stored = stored_depth(m, map_coordinates(m, u))
-    counts = wp.where(nearest < 0.0, 0.0, 1.0)
-    lit = wp.where(stored >= 1.0 or nearest <= stored * m.far, counts, 0.0)
-    return wp.vec3(counts, lit, (counts - lit) * stored * m.far)
+def in_umbra(m: PointMap, c: wp.vec4, r: wp.vec3, normal: wp.vec3, reach: float):
+    """Whether `look_up` finds shadow within `reach` all around r, at map coordinates c; never true where it does not."""
+    d = wp.length(r)
+    size = m.depth.shape[1]
+    found = wp.bool(False)
+    if c[3] > reach:
+        # With r = (s, t, 1) z on a face, a step of `reach` moves s and t by no more than reach · (d / z) / (z − reach).
+        texels = 0.5 * float(size) / m.slope * reach * d / (c[3] * (c[3] - reach))
+        deepest = deepest_within(m.deepest, size, int(c[0]), c[1], c[2], texels)
+        facing = -wp.dot(r, normal)
+        if deepest < 1.0 and m.bias.spread == 0.0:
+            found = d - fixed_bias(m.bias, facing / wp.max(d, 1.0e-30)) > deepest * m.far
+        elif deepest < 1.0:
+            # The sides of the comparison in `look_up`, at their least and at their most.
+            most = (deepest * m.far + m.bias.constant) * (facing + reach + m.bias.spread * (d + reach))
+            found = d * (facing - reach) > most
+    return found
 
 
 @wp.kernel
@@ -128,6 +159,20 @@ def _trace_tiles(
 
 
 @wp.kernel
+def _bound_tiles(
+    rows: Rows, depth: wp.array3d[float], tiles: wp.array[int], count: int, deepest_out: wp.array3d[float]
+):
+    """deepest[f,t,s] = max depth in the tile, for the first `count` tiles."""
+    n = rows.first + wp.tid()
+    if n < count:
+        across = deepest_out.shape[1]
+        face = tiles[n] // (across * across)
+        row = (tiles[n] // across) % across
+        column = tiles[n] % across
+        deepest_out[face, row, column] = deepest_of_tile(depth, face, row, column)
+
+
+@wp.kernel
 def _filter_taps(
     rows: Rows,
     m: PointMap,
@@ -145,12 +190,19 @@ def _filter_taps(
     if wp.dot(r, normal) < 0.0:
         visible = wp.float32(1.0)
         if wp.length(r) <= m.far and may_be_shadowed(mask, points[n]):
-            texel = 2.0 * m.slope * map_coordinates(m, r)[3] / float(m.depth.shape[1])
+            c = map_coordinates(m, r)
+            face = int(c[0])
+            frame = m.frames[face]
+            texel = 2.0 * m.slope * c[3] / float(m.depth.shape[1])
             reach = taps.radius * (1.0 + taps.growth * wp.length(points[n] - taps.eye)) + taps.texels * texel
-            total = wp.vec3(0.0, 0.0, 0.0)
-            for k in range(taps.offsets.shape[0]):
-                total += look_up(m, r, normal, r + reach * taps.offsets[k])
-            visible = total[1] / wp.max(total[0], 1.0)
+            if in_umbra(m, c, r, normal, _FARTHEST_TAP * reach):
+                visible = wp.float32(0.0)
+            else:
+                total = wp.vec3(0.0, 0.0, 0.0)
+                for k in range(taps.offsets.shape[0]):
+                    u = frame * (r + reach * taps.offsets[k])
+                    total += look_up(m, face, frame * r, frame * normal, u)
+                visible = total[1] / wp.max(total[0], 1.0)
     visibility_out[n] = visible
 
 
@@ -178,7 +230,11 @@ def _filter_penumbra(
         visible = wp.float32(1.0)
         d = wp.length(r)
         if d <= m.far and may_be_shadowed(mask, points[n]):
-            texel = 2.0 * m.slope * map_coordinates(m, r)[3] / float(m.depth.shape[1])
+            c = map_coordinates(m, r)
+            face = int(c[0])
+            texel = 2.0 * m.slope * c[3] / float(m.depth.shape[1])
+            r = m.frames[face] * r
+            normal = m.frames[face] * normal
             toward = r / wp.max(d, 1.0e-30)
             side = wp.vec3(1.0, 0.0, 0.0)
             if wp.abs(toward[0]) > 0.7:
@@ -187,28 +243,32 @@ def _filter_penumbra(
             up = wp.cross(toward, right)
             smallest = taps.texels * texel
             reach = wp.clamp(light * (d - closest) / closest, smallest, d)
-            total = wp.vec3(0.0, 0.0, 0.0)
-            for k in range(taps.offsets.shape[0]):
-                o = reach * taps.offsets[k]
-                total += look_up(m, r, normal, r + o[0] * right + o[1] * up)
-            if total[1] < total[0]:
-                b = total[2] / (total[0] - total[1])
-                width = wp.clamp(light * (d - b) / wp.max(b, 1.0e-30), smallest, d)
-                filtered = wp.vec3(0.0, 0.0, 0.0)
+            if in_umbra(m, c, r, normal, reach):
+                visible = wp.float32(0.0)
+            else:
+                total = wp.vec3(0.0, 0.0, 0.0)
                 for k in range(taps.offsets.shape[0]):
-                    o = width * taps.offsets[k]
-                    filtered += look_up(m, r, normal, r + o[0] * right + o[1] * up)
-                visible = filtered[1] / wp.max(filtered[0], 1.0)
+                    o = reach * taps.offsets[k]
+                    total += look_up(m, face, r, normal, r + o[0] * right + o[1] * up)
+                if total[1] < total[0]:
+                    b = total[2] / (total[0] - total[1])
+                    width = wp.clamp(light * (d - b) / wp.max(b, 1.0e-30), smallest, d)
+                    filtered = wp.vec3(0.0, 0.0, 0.0)
+                    for k in range(taps.offsets.shape[0]):
+                        o = width * taps.offsets[k]
+                        filtered += look_up(m, face, r, normal, r + o[0] * right + o[1] * up)
+                    visible = filtered[1] / wp.max(filtered[0], 1.0)
     visibility_out[n] = visible
 
 
 def trace_tiles(
     launcher: Launcher, mesh: wp.Mesh, m: PointMap, start: float, cull_front: bool, tiles: wp.array, count: int
 ) -> None:
-    """Traces the first `count` tiles [faces · rows · columns] of a map, for hits from `start` on."""
-    size = coverage.launch_size(count) * coverage.TILE**2
+    """Traces the first `count` tiles [faces · rows · columns] of a map, for hits from `start` on, and bounds them."""
+    size = coverage.launch_size(count)
     cull = 1.0 if cull_front else 0.0
-    launcher.launch_each(_trace_tiles, size, mesh.id, m, start, cull, tiles, count, m.depth)
+    launcher.launch_each(_trace_tiles, size * coverage.TILE**2, mesh.id, m, start, cull, tiles, count, m.depth)
+    launcher.launch_each(_bound_tiles, size, m.depth, tiles, count, m.deepest)
 
 
 def filter_map(launcher: Launcher, m: PointMap, mask: CasterMask, taps: Taps, *look: wp.array) -> None:

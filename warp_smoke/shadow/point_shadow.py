@@ -52,8 +52,10 @@ class PointMapShadow:
         self._receiver_corners = np.array(list(product(*_union(self._receivers).T)))
         size = light.shadow_map_size
         self._depth = launcher.zeros((self.faces, size, size), "shadow_map")
-        self._depth.fill_(1.0)
-        self._tiles = launcher.zeros(self.faces * (-(-size // coverage.TILE)) ** 2, "shadow_map", dtype=int)
+        across = -(-size // coverage.TILE)
+        self._deepest = launcher.zeros((self.faces, across, across), "shadow_map")
+        self._clear()
+        self._tiles = launcher.zeros(self.faces * across**2, "shadow_map", dtype=int)
         self._mask = CasterTiles(launcher, self.faces, size)
         self._covered, self._traced, self._looked = None, None, None
         self.rays = 0
@@ -97,7 +99,8 @@ class PointMapShadow:
         size = light.shadow_map_size
         self._axes = self._frames(time)
         self.map = PointMap()
-        self.map.depth, self.map.position, self.map.far = self._depth, wp.vec3(*position.tolist()), far
+        self.map.depth, self.map.deepest = self._depth, self._deepest
+        self.map.position, self.map.far = wp.vec3(*position.tolist()), far
         self.map.slope = self.slope
         self.map.frames = self._launcher.array(self._axes.astype(np.float32), "shadow_map", dtype=wp.mat33)
         self.map.bias = light_bias(light, spread=2**0.5 * self.slope / size, extent=max(far, extent))
@@ -115,7 +118,7 @@ class PointMapShadow:
         near = coverage.covered_tiles(self._rectangles(grown, position, self._axes), size)
         self._mask.place(near, self._axes, position, self.slope, True)
         if self._covered is not None and np.any(self._covered & ~covered):
-            self._depth.fill_(1.0)
+            self._clear()
         self._covered = covered
         tiles = np.flatnonzero(covered).astype(np.int32)
         self.rays = len(tiles) * coverage.TILE**2
@@ -123,6 +126,10 @@ class PointMapShadow:
             self._tiles[: len(tiles)].assign(tiles)
             cull = light.shadow_cull_front
             trace_tiles(self._launcher, casters.mesh, self.map, start, cull, self._tiles, len(tiles))
+
+    def _clear(self) -> None:
+        self._depth.fill_(1.0)
+        self._deepest.fill_(1.0)
 
     def _reach(self, boxes: np.ndarray, position: np.ndarray) -> np.ndarray:
         """How far beside boxes the filter looks, at most, laid on the boxes at their farthest, [n]."""
