@@ -7,6 +7,7 @@ import scipy.sparse.csgraph
 import scipy.sparse.linalg
 from staggered import laplacian_matrix, open_shares
 
+from warp_smoke.fluid.grid import Box
 from warp_smoke.fluid.pressure import PRESSURE_SOLVERS, PressureProblem
 
 AROUND_SOLIDS = [name for name in PRESSURE_SOLVERS if name != "spectral"]
@@ -16,7 +17,8 @@ CONJUGATE_GRADIENTS = ["multigrid", "spectral_conjugate_gradient", "conjugate_gr
 def solids_of(launcher, fluid, shares):
     """Solids as the solver sees them."""
     wx, wy, wz = (launcher.array(share.astype(np.float32), "test") for share in shares)
-    return SimpleNamespace(fluid=launcher.array(fluid.astype(np.float32), "test"), wx=wx, wy=wy, wz=wz, changes=1)
+    device, box = launcher.array(fluid.astype(np.float32), "test"), Box((0, 0, 0), fluid.shape)
+    return SimpleNamespace(fluid=device, wx=wx, wy=wy, wz=wz, box=box, changes=1)
 
 
 def solver_of(launcher, name, fluid, sides, tolerance=1e-5, max_iterations=200, shares=None):

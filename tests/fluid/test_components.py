@@ -5,9 +5,12 @@ import pytest
 import scipy.sparse
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pressure_cases import closed_components, without_means
 from staggered import CLOSED, MIXED, OPEN, open_shares
 
+from warp_smoke.fluid.grid import Box
 from warp_smoke.fluid.pressure.components import ClosedComponents, label_components
+from warp_smoke.launch import Launcher
 
 
 def bodies(fluid, shares):
@@ -39,8 +42,9 @@ def test_labels_are_the_connected_components(seed, solid, walls):
     assert 0 not in found
 
 
+@pytest.mark.parametrize("solids", [Box((2, 2, 1), (5, 4, 4)), Box((0, 0, 0), (8, 7, 6))], ids=["near", "all"])
 @pytest.mark.parametrize("sides", [CLOSED, OPEN, MIXED], ids=["closed", "open", "mixed"])
-def test_pocket_behind_walls_of_no_thickness(launcher, sides):
+def test_pocket_behind_walls_of_no_thickness(launcher, sides, solids):
     """A box of closed faces in the fluid is a body of its own, whose mean alone is removed if the sides are open."""
     fluid = np.ones((8, 7, 6), np.float32)
     shares = open_shares(fluid, sides)
@@ -50,8 +54,8 @@ def test_pocket_behind_walls_of_no_thickness(launcher, sides):
             faces = list(pocket)
             faces[axis] = end
             share[tuple(faces)] = 0.0
-    components = ClosedComponents(launcher, sides)
-    components.find(fluid, shares)
+    components = ClosedComponents(launcher, sides, launcher.array(fluid, "test"))
+    components.find([launcher.array(share, "test") for share in shares], solids)
     field = np.random.default_rng(0).standard_normal(fluid.shape).astype(np.float32)
     device = launcher.array(field, "test")
     components.remove_means(device)
@@ -71,8 +75,36 @@ def test_open_side_behind_a_wall_does_not_count(launcher):
     for closed, mean in ((False, 1.0), (True, 0.0)):
         if closed:
             shares[0][0] = 0.0
-        components = ClosedComponents(launcher, sides)
-        components.find(fluid, shares)
+        components = ClosedComponents(launcher, sides, launcher.array(fluid, "test"))
+        components.find([launcher.array(share, "test") for share in shares], Box((0, 0, 0), fluid.shape))
         field = launcher.array(np.ones(fluid.shape, np.float32), "test")
         components.remove_means(field)
         assert field.numpy().mean() == pytest.approx(mean)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.sampled_from([CLOSED, OPEN, MIXED]), st.data())
+def test_means_of_random_bodies(seed, sides, data):
+    """Solids and walls in any box of cells, touching sides or not: the mean of each closed body is removed."""
+    shape, launcher = (6, 5, 7), Launcher("cpu", 1)
+    ends = [sorted(data.draw(st.tuples(st.integers(0, n), st.integers(0, n)))) for n in shape]
+    box = Box(
+        *zip(*[(low, max(high, min(low + 1, n))) for (low, high), n in zip(ends, shape, strict=True)], strict=True)
+    )
+    rng = np.random.default_rng(seed)
+    inside = np.zeros(shape, bool)
+    inside[tuple(slice(*each) for each in zip(*box, strict=True))] = True
+    fluid = (~inside | (rng.random(shape) > 0.3)).astype(np.float32)
+    shares = open_shares(fluid, sides)
+    for axis, share in enumerate(shares):
+        along = np.moveaxis(share, axis, 0)
+        cells = np.moveaxis(inside, axis, 0)
+        beside = np.concatenate([cells[:1], cells[1:] | cells[:-1], cells[-1:]])
+        along[beside & (rng.random(beside.shape) > 0.5)] = 0.0
+    components = ClosedComponents(launcher, sides, launcher.array(fluid, "test"))
+    components.find([launcher.array(share, "test") for share in shares], box)
+    field = rng.standard_normal(shape).astype(np.float32) * fluid
+    device = launcher.array(field, "test")
+    components.remove_means(device)
+    expected = without_means(field, closed_components(fluid, sides, shares))
+    np.testing.assert_allclose(device.numpy() * fluid, expected * fluid, atol=2e-6)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import warp as wp
 
 from warp_smoke.fluid.colliders import open_faces
+from warp_smoke.fluid.grid import Box
 from warp_smoke.fluid.operators import face_weight, side_weights
 from warp_smoke.fluid.pressure.components import ClosedComponents
 from warp_smoke.fluid.pressure.status import PressureProblem, PressureStatus
@@ -190,7 +191,6 @@ class IterativePressure(ABC):
         self._source, self._residual = (launcher.zeros(shape, "pressure") for _ in range(2))
         self._padded = launcher.zeros(tuple(n + 2 for n in shape), "pressure")
         self._sums = Sums(launcher, shape, 3, "pressure")
-        self._components = ClosedComponents(launcher, problem.sides)
         centre = launcher.zeros(shape, "pressure")
         self._prepared_for = None  # `solids.changes` at that time
         if solids is None:
@@ -205,6 +205,7 @@ class IterativePressure(ABC):
         else:
             self._fluid = solids.fluid
             self._operator = FaceWeights((solids.wx, solids.wy, solids.wz), centre)
+        self._components = ClosedComponents(launcher, problem.sides, self._fluid)
 
     def solve(self, divergence: wp.array, pressure: wp.array) -> PressureStatus:
         """Solves Σ (q_neighbour − q) = d over the open faces of cells of fluid.
@@ -244,7 +245,9 @@ class IterativePressure(ABC):
         """Takes in where the solids are."""
         args = (*self._operator.shares, *side_weights(self._problem.sides), self._operator.centre)
         self._launcher.launch(_sum_weights, self._problem.shape, *args)
-        self._components.find(self._fluid.numpy(), tuple(share.numpy() for share in self._operator.shares))
+        solids = self._problem.solids
+        nothing = Box((0, 0, 0), (1, 1, 1))  # any cell of fluid will do
+        self._components.find(self._operator.shares, (solids.box if solids else None) or nothing)
 
     def _measure(self, field: wp.array) -> Residual:
         """A field as the residual of zero pressure."""
