@@ -30,6 +30,7 @@ from warp_smoke.scene import (
     Surface,
     Texture,
 )
+from warp_smoke.study import study
 
 __version__ = version("warp-smoke")
 
@@ -64,6 +65,7 @@ __all__ = [
     "preview",
     "render",
     "run",
+    "study",
 ]
 
 

@@ -270,6 +270,63 @@ def render(
 
 
 @app.command
+def study(
+    stage: Path | None = None,
+    *,
+    suite: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
+    full: bool = False,
+    output: Output = None,
+    device: str = "cpu",
+    threads: int | None = None,
+    as_json: Annotated[bool, Parameter(name="--json")] = False,
+):
+    """Measure what accuracy costs in time, on known answers or on STAGE; tables, diagrams and a web page.
+
+    A study that was interrupted goes on where it was.
+
+    Parameters
+    ----------
+    stage
+        A USD stage, studied at several settings against its finest.
+    suite
+        advection, pressure, flow, smoke_shadow, surface_shadow, shading, scene (with a stage) or all; several may be
+        given. Without a stage all, with one scene, unless given.
+    full
+        Measure at more and finer resolutions; else each suite takes less than two minutes on two cores.
+    output
+        Folder for the results; out/study, or out/NAME.study for a stage, unless given.
+    device
+        cpu, cuda or cuda:N.
+    threads
+        CPU threads; all unless given.
+    as_json
+        Print disclosure, orders and rows as JSON.
+    """
+    bar = _progress_bar()
+    task = bar.add_task("Measuring (kernels are compiled on first use)", total=None)
+    said = monotonic()
+
+    def show(row: "warp_smoke.study.Row", number: int, count: int) -> None:
+        nonlocal said
+        bar.update(task, completed=number, total=count, description=f"{row.suite}: {row.problem}, {row.method}")
+        if bar.disable and monotonic() - said > _SECONDS_BETWEEN_LINES:
+            said = monotonic()
+            _err.print(f"{number} of {count}: {row.suite}, {row.problem}, {row.method}", highlight=False)
+
+    options = {"suites": suite, "full": full, "device": device, "threads": threads, "on_row": show}
+    with bar:
+        result = warp_smoke.study(stage, output, **options)
+    if as_json:
+        print(json.dumps(result.as_json(), indent=2))
+        return
+    _warn([f"{name}: {line}" for name, lines in result.unexpected.items() for line in lines])
+    _warn([f"failed: {row.key}: {row.failure}" for row in result.rows if row.failure is not None])
+    if result.recommendation:
+        _out.print(result.recommendation, highlight=False)
+    _out.print(f"Wrote {result.page}", soft_wrap=True, highlight=False)
+
+
+@app.command
 def validate(path: Path, *, as_json: Annotated[bool, Parameter(name="--json")] = False):
     """Check that a stage is one that every DCC accepts; exit status 1 if it is not.
 
