@@ -1,7 +1,7 @@
 """Conducts a study: measures what is not yet measured, and writes tables, diagrams and the page."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from warp_smoke.files import replacing, write_text
@@ -42,6 +42,24 @@ class Study:
     def page(self) -> Path:
         """The web page."""
         return self.folder / PAGE
+
+    def as_json(self) -> dict:
+        """All of it but the files, as plain data."""
+        orders = {
+            suite: [
+                {"problem": problem, "method": method, "order": slope} for (problem, method), slope in found.items()
+            ]
+            for suite, found in self.orders.items()
+        }
+        unexpected = {name: list(lines) for name, lines in self.unexpected.items()}
+        return {
+            "disclosure": dict(self.disclosure),
+            "orders": orders,
+            "unexpected": unexpected,
+            "recommendation": self.recommendation,
+            "page": str(self.page),
+            "rows": [asdict(row) for row in self.rows],
+        }
 
     def diagram(self, suite: str) -> Path:
         """The diagram of a suite."""
@@ -112,7 +130,7 @@ def _write(folder: Path, disclosure: dict, suites: Mapping[str, Suite], rows: Ma
         drawn = [row for row in rows[name] if row.problem not in getattr(suite, "TABLES", ())]
         if drawn:
             with replacing(folder / f"{name}.png") as partial:
-                partial.write_bytes(picture(draw_diagram(suite, drawn, note), "png"))
+                partial.write_bytes(picture(draw_diagram(suite, drawn, title=suite.TITLE, note=note), "png"))
     write_text(folder / PAGE, results_page(disclosure, suites, rows, note))
 
 

@@ -15,7 +15,7 @@ from warp_smoke.report import environment
 
 PACKAGE = Path(__file__).parents[1]
 # Results that differ in one of these must not stand in one table.
-IDENTITY = ("warp-smoke", "source", "warp-lang", "usd-core", "numpy", "device", "processor", "threads")
+IDENTITY = ("warp-smoke", "package digest", "warp-lang", "usd-core", "numpy", "device", "processor", "threads")
 _COPIED_BYTES = 2**26
 _COPIES = 10
 
@@ -29,7 +29,7 @@ def disclose(launcher: Launcher) -> dict:
         "processor": launcher.device.name if launcher.device.is_cuda else processor(),
         "threads": launcher.threads,
         "commit": commit(),
-        "source": source_digest(),
+        "package digest": source_digest(),
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "copy_gb_per_s": round(copy_bandwidth(launcher), 2),
     }

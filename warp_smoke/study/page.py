@@ -10,6 +10,9 @@ from warp_smoke.study.front import pareto_front
 from warp_smoke.study.plot import DARK, LIGHT, draw_diagram, picture
 from warp_smoke.study.words import duration
 
+# A letter of a diagram is then about as large as one of the tables.
+_REM_PER_INCH = 5.6
+
 _PAGE = Template("""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -81,7 +84,7 @@ def results_page(
         disclosure: of the machine and the versions.
         suites: by name, in the order of the page.
         rows: of each suite, by its name.
-        note: the foot of each diagram.
+        note: where it was measured, in a line.
     """
     links = "".join(f'<a href="#{name}">{escape(suite.TITLE)}</a>' for name, suite in suites.items())
     facts = "".join(
@@ -92,19 +95,19 @@ def results_page(
     return _PAGE.substitute(
         where=escape(note),
         links=links,
-        sections="\n".join(_section(name, suite, rows[name], note) for name, suite in suites.items()),
+        sections="\n".join(_section(name, suite, rows[name]) for name, suite in suites.items()),
         facts=facts,
     )
 
 
-def _section(name: str, suite: Suite, rows: Sequence[Row], note: str) -> str:
+def _section(name: str, suite: Suite, rows: Sequence[Row]) -> str:
     tables = getattr(suite, "TABLES", ())
     drawn = [row for row in rows if row.problem not in tables]
     parts = [f'<h2 id="{name}">{escape(suite.TITLE)}</h2>']
     parts.append(f"<p>{escape(suite.explain([row for row in rows if row.failure is None]))}</p>")
     parts += _verdict(suite, rows)
     if drawn:
-        parts.append(_diagram(suite, drawn, note))
+        parts.append(_diagram(suite, drawn))
         parts.append(_settings(suite, drawn))
     for problem in tables:
         found = [row for row in rows if row.problem == problem]
@@ -121,22 +124,26 @@ def _verdict(suite: Suite, rows: Sequence[Row]) -> list[str]:
     lines += [escape(f"failed: {_name(row)}: {row.failure}") for row in rows if row.failure is not None]
     if lines:
         return ["<ul>" + "".join(f'<li class="bad">{line}</li>' for line in lines) + "</ul>"]
-    orders = [f"{method} {slope:.2f}" for (_, method), slope in suite.order(rows).items()]
-    return [f'<p class="soft">As known answers ask. Fitted orders: {escape(", ".join(orders))}.</p>'] if orders else []
+    orders: dict[str, list[str]] = {}
+    for (problem, method), slope in suite.order(rows).items():
+        orders.setdefault(problem, []).append(f"{method} {slope:.2f}")
+    fitted = "; ".join(f"{problem}: {', '.join(found)}" for problem, found in orders.items())
+    return [f'<p class="soft">As known answers ask. Fitted orders: {escape(fitted)}.</p>'] if orders else []
 
 
 def _name(row: Row) -> str:
     return f"{row.problem}, {row.method} ({', '.join(f'{name} {value}' for name, value in row.labels.items())})"
 
 
-def _diagram(suite: Suite, rows: Sequence[Row], note: str) -> str:
-    light, dark = (
-        b64encode(picture(draw_diagram(suite, rows, note, theme), "svg")).decode() for theme in (LIGHT, DARK)
-    )
-    kind = "data:image/svg+xml;base64,"
+def _diagram(suite: Suite, rows: Sequence[Row]) -> str:
+    """The diagram in light and dark, as wide as its letters ask for."""
+    light, dark = (draw_diagram(suite, rows, theme) for theme in (LIGHT, DARK))
+    width = light.get_figwidth() * _REM_PER_INCH
+    sources = ["data:image/svg+xml;base64," + b64encode(picture(figure, "svg")).decode() for figure in (light, dark)]
     return (
-        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{kind}{dark}">'
-        f'<img alt="Error against time: {escape(suite.TITLE)}" src="{kind}{light}"></picture>'
+        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{sources[1]}">'
+        f'<img style="max-width: {width:.1f}rem" alt="Error against time: {escape(suite.TITLE)}" src="{sources[0]}">'
+        "</picture>"
     )
 
 

@@ -18,6 +18,7 @@ from warp_smoke.study.words import by_method
 
 _MARKERS = "osD^vPXp"
 _DASHES = ("-", (0, (4, 1.5)), (0, (1, 1.5)))
+_PANEL = (4.4, 3.6)  # width and height [inch]
 _POINTS_PER_INCH = 72
 _LABEL_SIZE = 7
 # Where a label may stand around its point: directions, best first, and distances [points].
@@ -52,47 +53,41 @@ DARK = Theme(
 )
 
 
-def draw_diagram(suite: Suite, rows: Sequence[Row], note: str, theme: Theme = LIGHT) -> Figure:
+def draw_diagram(suite: Suite, rows: Sequence[Row], theme: Theme = LIGHT, *, title: str = "", note: str = "") -> Figure:
     """The diagram of a suite.
 
     Args:
         suite: says what the errors are.
         rows: of the suite.
-        note: where it was measured, for the foot.
         theme: its colours.
+        title: above it.
+        note: at its foot.
     """
     problems = list(dict.fromkeys(row.problem for row in rows))
     methods = list(dict.fromkeys(row.method for row in rows))
     styles = {method: _style(index, theme) for index, method in enumerate(methods)}
     columns = min(len(problems), 2 if len(problems) == 4 else 3)
     lines = -(-len(problems) // columns)
-    legend_lines = -(-(len(methods) + 2) // (2 * columns))
-    head, foot = 0.45 + 0.24 * legend_lines, 0.3
-    width, height = 4.4 * columns, 3.6 * lines + head + foot
+    legend = _legend(styles, theme)
+    legend_columns = min(len(legend), max(2, 2 * columns))
+    above, below = 0.3 * bool(title), 0.3 * bool(note)
+    head = above + 0.15 + 0.22 * -(-len(legend) // legend_columns)
+    width, height = _PANEL[0] * columns, _PANEL[1] * lines + head + below
     figure = Figure(figsize=(width, height), facecolor=theme.ground, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.get_layout_engine().set(
-        rect=(0.005, foot / height, 0.99, 1 - (head + foot) / height), wspace=0.04, hspace=0.06
-    )
+    inner = (0.005, below / height, 0.99, 1 - (head + below) / height)
+    figure.get_layout_engine().set(rect=inner, wspace=0.04, hspace=0.06)
     placed = []
     for index, problem in enumerate(problems):
         axes = figure.add_subplot(lines, columns, index + 1)
         placed.append((axes, _draw_panel(axes, suite, [row for row in rows if row.problem == problem], styles, theme)))
-    figure.text(0.01, 1 - 0.08 / height, suite.TITLE, va="top", fontsize=12, fontweight="bold", color=theme.ink)
+    figure.text(0.01, 1 - 0.08 / height, title, va="top", fontsize=12, fontweight="bold", color=theme.ink)
     figure.text(0.01, 0.07 / height, note, va="bottom", fontsize=6.5, color=theme.ink, alpha=0.75)
-    handles = [Line2D([], [], label=method, **style) for method, style in styles.items()]
-    for label, filled in (("nothing is faster and better", True), ("something is", False)):
-        face = theme.ink if filled else theme.ground
-        handles.append(
-            Line2D(
-                [], [], linestyle="", marker="o", ms=5, color=theme.ink, markerfacecolor=face, alpha=0.6, label=label
-            )
-        )
     figure.legend(
-        handles=handles,
+        handles=legend,
         loc="upper left",
-        bbox_to_anchor=(0.0, 1 - 0.32 / height),
-        ncols=min(len(handles), 2 * columns),
+        bbox_to_anchor=(0.0, 1 - above / height),
+        ncols=legend_columns,
         fontsize=8,
         frameon=False,
         labelcolor=theme.ink,
@@ -101,8 +96,21 @@ def draw_diagram(suite: Suite, rows: Sequence[Row], note: str, theme: Theme = LI
     )
     figure.canvas.draw()
     for axes, labels in placed:
-        _place_labels(axes, labels)
+        if labels:
+            _place_labels(axes, labels)
     return figure
+
+
+def _legend(styles: dict[str, dict], theme: Theme) -> list[Line2D]:
+    """What the lines and the points' filling mean."""
+    handles = [Line2D([], [], label=method, **style) for method, style in styles.items()]
+    for label, face in (
+        ("filled: nothing is both faster and better", theme.ink),
+        ("hollow: something is", theme.ground),
+    ):
+        point = {"linestyle": "", "marker": "o", "ms": 5, "color": theme.ink, "markerfacecolor": face}
+        handles.append(Line2D([], [], label=label, alpha=0.6, **point))
+    return handles
 
 
 def picture(figure: Figure, kind: str, dots_per_inch: int = 150) -> bytes:
