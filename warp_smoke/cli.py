@@ -21,6 +21,8 @@ from warp_smoke.interrupt import Interrupted
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from warp_smoke.study.case import Row
+
 app = App(
     name="warp-smoke",
     help="Smoke, its shadows and baked lighting for USD stages: only the effects that a scene calls for.",
@@ -306,7 +308,7 @@ def study(
     task = bar.add_task("Measuring (kernels are compiled on first use)", total=None)
     said = monotonic()
 
-    def show(row: "warp_smoke.study.Row", number: int, count: int) -> None:
+    def show(row: "Row", number: int, count: int) -> None:
         nonlocal said
         bar.update(task, completed=number, total=count, description=f"{row.suite}: {row.problem}, {row.method}")
         if bar.disable and monotonic() - said > _SECONDS_BETWEEN_LINES:
