@@ -74,6 +74,8 @@ def kernel_modules(plan: Plan) -> list[str]:
     for volume in plan.volumes:
         found.add("shading.volume")
         for light in volume.lights:
+            if light.surface_shadow:
+                found.add(_SURFACE_SHADOW[light.surface_shadow])
             found.update(_smoke_modules(light))
     names = [f"warp_smoke.{name}" for name in sorted(found)]
     for name in names:

@@ -17,6 +17,9 @@ from warp_smoke.shadow.casters import Casters
 from warp_smoke.shadow.methods import SMOKE_SHADOWS, SURFACE_SHADOWS
 from warp_smoke.timing import Timings
 
+# Density that no smoke is meant to exceed, yet whose sums over a box are finite.
+_FULL = 1e6
+
 
 class Lighting:
     """Brings shadows and pictures to a frame, each as often as the plan says.
@@ -36,23 +39,23 @@ class Lighting:
         lit = (*plan.receivers, *plan.volumes)
         if not lit:
             return
-        corners = {each.surface.path: swept_corners(each.surface, plan.scene.frames) for each in plan.receivers}
-        boxes = [box_corners(each.domain.lattice) for each in plan.volumes]
-        everything = np.concatenate([*corners.values(), *boxes])
+        corners = [swept_corners(each.surface, plan.scene.frames) for each in plan.receivers]
+        corners += [box_corners(each.domain.lattice) for each in plan.volumes]
+        everything = np.concatenate(corners)
         self.origin = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
 
         shadowed: dict[str, list[np.ndarray]] = {}
-        for each in plan.receivers:
+        for each, points in zip(lit, corners, strict=True):
+            bounds = np.stack([points.min(axis=0), points.max(axis=0)]) - self.origin
             for light in each.lights:
                 if light.surface_shadow:
-                    shadowed.setdefault(light.light.path, []).append(corners[each.surface.path] - self.origin)
-        for each in (light for receiver in plan.receivers for light in receiver.lights):
+                    shadowed.setdefault(light.light.path, []).append(bounds)
+        for each in (light for receiver in lit for light in receiver.lights):
             path = each.light.path
             if each.surface_shadow and path not in self._maps:
-                bounds = np.stack([[points.min(axis=0), points.max(axis=0)] for points in shadowed[path]])
-                casters = self._casters_of(each.light)
                 make, camera = SURFACE_SHADOWS[each.surface_shadow], plan.scene.camera
-                self._maps[path] = make(launcher, each.light, casters, bounds, camera)
+                bounds = np.array(shadowed[path])
+                self._maps[path] = make(launcher, each.light, self._casters_of(each.light), bounds, camera)
         self._smoke = self._smoke_shadows([light for each in lit for light in each.lights])
 
         self._bakes = {each.surface.path: self._bake(each) for each in plan.receivers}
@@ -80,7 +83,8 @@ class Lighting:
     def _volume(self, each: VolumePlan) -> VolumeLight:
         lights = [(light.light, 3 if _is_colored(light) else 1) for light in each.lights]
         albedo, ambient = each.domain.domain.albedo, self._plan.scene.ambient
-        return VolumeLight(self._launcher, each.domain.lattice, lights, self.origin, albedo, ambient)
+        shadowed = [light.light.path for light in each.lights if light.surface_shadow]
+        return VolumeLight(self._launcher, each.domain.lattice, lights, self.origin, albedo, ambient, shadowed)
 
     def light_volumes(self, time: float, densities: Mapping[str, wp.array]) -> dict[str, np.ndarray]:
         """The light that smoke scatters, [nx, ny, nz, 3] by path of domain, with the shadows of the last update."""
@@ -91,8 +95,11 @@ class Lighting:
             def look_through(light: Light, points: wp.array, shares: wp.array, smoke: dict = smoke) -> None:
                 self._look_through_smoke(smoke[light.path], points, shares)
 
+            def look_past(light: Light, *look: wp.array) -> None:
+                self._maps[light.path].visibility(*look)
+
             with self._timings.measure("light_volume"):
-                found[path] = self._volumes[path].update(densities[path].numpy(), time, look_through)
+                found[path] = self._volumes[path].update(densities[path].numpy(), time, look_through, look_past)
         return found
 
     def _bake(self, each: ReceiverPlan) -> ReceiverBake:
@@ -129,6 +136,8 @@ class Lighting:
             with self._timings.measure("trace_shadow_map"):
                 for shadow in self._maps.values():
                     shadow.update(time)
+        if not self._baked:
+            self._limit_smoke(time, densities)
         with self._timings.measure("project_smoke"):
             for (_, domain, _), shadow in self._smoke.items():
                 shadow.update(densities[domain], time)
@@ -149,6 +158,26 @@ class Lighting:
         for casters in self._casters.values():
             casters.follow(frames)
 
+    def _limit_smoke(self, time: float, densities: Mapping[str, wp.array]) -> None:
+        """Finds the texels that smoke may ever shadow, where nothing else changes: those that full boxes shadow."""
+        still = [each for each in self._plan.receivers if _only_smoke_changes(each)]
+        if not still:
+            return
+        with self._timings.measure("find_smoke_reach"):
+            for (_, domain, _), shadow in self._smoke.items():
+                full = self._launcher.array(np.full(densities[domain].shape, _FULL, np.float32), "smoke_reach")
+                shadow.update(full, time)
+            for each in still:
+                bake = self._bakes[each.surface.path]
+                bake.update(time)
+                reached = np.zeros(bake.map.count, bool)
+                for light in each.lights:
+                    if light.smoke:
+                        shares = bake.transmittance[light.light.path]
+                        self._look_through_smoke(light, bake.smoke_points, shares)
+                        reached |= np.any(shares.numpy()[:, : len(reached)] < 1.0, axis=0)
+                bake.limit_smoke(np.flatnonzero(reached))
+
     def _update_receiver(self, each: ReceiverPlan, time: float) -> dict[tuple[str, str], np.ndarray]:
         due = [bake for bake, when in each.bakes.items() if when == When.FRAME or not self._baked]
         if not due:
@@ -165,7 +194,7 @@ class Lighting:
                 with self._timings.measure("smoke_transmittance"):
                     shares = bake.transmittance[light.light.path]
                     shares.fill_(1.0)
-                    self._look_through_smoke(light, bake.map.points, shares)
+                    self._look_through_smoke(light, bake.smoke_points, shares)
         with self._timings.measure("bake"):
             return {(each.surface.path, name): bake.picture(name) for name in due}
 
@@ -177,6 +206,11 @@ class Lighting:
     def depth_pictures(self) -> dict[str, np.ndarray]:
         """The depth maps by path of light, uint8: a cross of six faces for a point light."""
         return {path: shadow.depth_picture() for path, shadow in self._maps.items() if hasattr(shadow, "depth_picture")}
+
+
+def _only_smoke_changes(each: ReceiverPlan) -> bool:
+    """Whether smoke may shadow a receiver that stands still with its lights, what shadows it and the camera."""
+    return any(light.smoke for light in each.lights) and all(light.when == When.ONCE for light in each.lights)
 
 
 def _is_colored(light: LightPlan) -> bool:

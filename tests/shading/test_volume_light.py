@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import warp as wp
 from pxr import Usd
 from scenes import at, plume, shining
@@ -23,13 +24,14 @@ def _run(scene, frames=2):
 
 
 def test_formula(launcher):
-    """S = albedo ⊗ (ambient + Σ T ⊗ B / 4) in smoky cells, black in the others, for any number of blocks."""
+    """S = albedo ⊗ (ambient + Σ V T ⊗ B / 4) in smoky cells, black in the others, for any number of blocks."""
     domain = ws.SmokeDomain(path="/World/Smoke", transform=at(0, 1, 0), resolution=30)
     lattice = place_lattice(ws.Scene(domains=[domain]), domain)
     lamp = ws.PointLight(path="/Lamp", transform=at(0.3, 4, 0.2), intensity=40.0, color=(1.0, 0.5, 0.25))
     sun = ws.DistantLight(path="/Sun", transform=shining((0, -1, 0.2)), intensity=3.0, color=(0.2, 0.4, 1.0))
     origin, albedo, ambient = np.array([5.0, -3.0, 2.0]), np.array([0.9, 0.5, 0.1]), np.array([0.1, 0.2, 0.3])
-    volume = VolumeLight(launcher, lattice, [(lamp, 3), (sun, 1)], origin, tuple(albedo), tuple(ambient))
+    lights, colors = [(lamp, 3), (sun, 1)], (tuple(albedo), tuple(ambient))
+    volume = VolumeLight(launcher, lattice, lights, origin, *colors, shadowed=["/Sun"])
     density = np.random.default_rng(0).random(lattice.shape) * (np.random.default_rng(1).random(lattice.shape) > 0.3)
     assert (density > 0).sum() > 16384
 
@@ -37,12 +39,18 @@ def test_formula(launcher):
         color = np.array([[0.2], [0.5], [0.8]]) if light is lamp else np.array([[0.7]])
         shares.assign(np.broadcast_to(color, shares.shape).astype(np.float32))
 
-    found = volume.update(density, 1.0, look_through)
+    def look_past(light, points, normals, visibility):
+        assert light is sun
+        towards = np.array([0, 1, -0.2]) / np.hypot(1, 0.2)
+        np.testing.assert_allclose(normals.numpy(), np.broadcast_to(towards, (len(normals), 3)), atol=1e-6)
+        visibility.fill_(0.25)
+
+    found = volume.update(density, 1.0, look_through, look_past)
     centres = (np.stack(np.indices(lattice.shape), axis=-1) + 0.5) @ lattice.cells_to_world()[:3, :3]
     centres += lattice.to_world[3, :3]
     distance2 = np.sum((centres - (0.3, 4, 0.2)) ** 2, axis=-1)[..., None]
     from_lamp = np.array([0.2, 0.5, 0.8]) * 40.0 * np.array([1.0, 0.5, 0.25]) / (4 * np.pi * distance2)
-    from_sun = 0.7 * 3.0 / np.pi * np.array([0.2, 0.4, 1.0])
+    from_sun = 0.25 * 0.7 * 3.0 / np.pi * np.array([0.2, 0.4, 1.0])
     expected = albedo * (ambient + (from_lamp + from_sun) / 4) * (density > 0)[..., None]
     np.testing.assert_allclose(found, expected, rtol=1e-4)
 
@@ -79,6 +87,29 @@ def test_smoke_shadows_itself_and_other_smoke():
     # Texels of a cell, over a ball with a hard edge eight cells in radius; a cell dims light by a third.
     assert error.mean() < 0.05 * expected.max()
     assert np.corrcoef(lit[smoky][:, 0], expected)[0, 1] > 0.97
+
+
+@pytest.mark.parametrize("name", ["hard", "pcss", "exact"])
+@pytest.mark.parametrize("kind", ["sun", "lamp"])
+def test_surfaces_shadow_smoke(kind, name):
+    """A roof over half of the domain leaves the smoke below it dark, and the other half as it is without the roof."""
+    sun = ws.DistantLight(path="/Light", transform=shining((0, -1, 0)), shadow_filter=name)
+    lamp = ws.PointLight(path="/Light", transform=at(0, 30, 0), intensity=1000.0, shadow_filter=name)
+    scene = plume(grids=("density", "light"), resolution=24)
+    roof = ws.Surface(path="/Roof", mesh=ws.Mesh.grid((-2, 2.5, 2), (2, 0, 0), (0, 0, -4)))
+    scene = replace(scene, surfaces=[roof], lights=[sun if kind == "sun" else lamp])
+    plan = ws.make_plan(scene)
+    assert ("surface_visibility", ("/World/Smoke", "/Light")) in {(each.name, each.subjects) for each in plan.passes}
+    smoke = _run(plan, 1)[0].smoke["/World/Smoke"]
+    alone = _run(replace(scene, surfaces=()), 1)[0].smoke["/World/Smoke"].light
+    unlinked = replace(scene, lights=[replace(scene.lights[0], shadowed_by=("/World/Smoke",))])
+    np.testing.assert_array_equal(_run(unlinked, 1)[0].smoke["/World/Smoke"].light, alone)
+    smoky = smoke.density > 0
+    covered = np.arange(24)[:, None, None] < 11
+    assert (smoky & covered).sum() > 50
+    np.testing.assert_array_equal(smoke.light[smoky & covered], 0.0)
+    free = smoky & (np.arange(24)[:, None, None] > 12)
+    np.testing.assert_array_equal(smoke.light[free], alone[free])
 
 
 def test_coloured_smoke_colours_its_own_light():

@@ -6,6 +6,7 @@ from warp_smoke.plan.fluid import plan_domain
 from warp_smoke.plan.memory import memory_estimate
 from warp_smoke.plan.passes import Ledger, Plan
 from warp_smoke.plan.shading import plan_receivers
+from warp_smoke.plan.surface_shadow import SurfaceShadows
 from warp_smoke.plan.volumes import plan_volumes
 from warp_smoke.scene import Scene
 
@@ -26,8 +27,10 @@ def make_plan(scene: Scene | str | Path, stirred_by: str = "") -> Plan:
     if not scene.domains:
         ledger.omit("simulate", (), "the stage has no smoke domain")
     domains = tuple(plan for domain in scene.domains if (plan := plan_domain(ledger, scene, domain, stirred_by)))
-    receivers = plan_receivers(ledger, scene, domains)
-    volumes = plan_volumes(ledger, scene, domains)
+    shadows = SurfaceShadows(ledger, scene)
+    receivers = plan_receivers(ledger, scene, domains, shadows)
+    volumes = plan_volumes(ledger, scene, domains, shadows)
+    shadows.note_faces_left_out()
     estimate = memory_estimate(domains, receivers, volumes)
     left_out = tuple(ledger.left_out.values())
     return Plan(scene, ledger.in_order(), left_out, domains, receivers, volumes, estimate)

@@ -4,9 +4,9 @@ import numpy as np
 
 from warp_smoke.plan.passes import DomainPlan, Ledger, LightPlan, ReceiverPlan, SmokeShadowPlan, When
 from warp_smoke.plan.reach import box_corners, in_box, in_range, is_flat, is_moving, may_shadow, over, swept_corners
+from warp_smoke.plan.surface_shadow import SurfaceShadows, casters_between, casters_change
 from warp_smoke.record import Samples
-from warp_smoke.scene import DistantLight, Light, Scene, SpotLight, Surface
-from warp_smoke.shadow.coverage import FACE_NAMES, WIDEST_CONE, cube_rectangles
+from warp_smoke.scene import Light, Scene, Surface
 from warp_smoke.shadow.light_buffer import buffer_serves, light_times
 from warp_smoke.shadow.projective import plane_serves
 
@@ -16,7 +16,9 @@ DEFAULT_LAYER = 2
 _TOUCH = 1e-3
 
 
-def plan_receivers(ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...]) -> tuple[ReceiverPlan, ...]:
+def plan_receivers(
+    ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...], shadows: SurfaceShadows
+) -> tuple[ReceiverPlan, ...]:
     """Plans every bake, and the lights and shadows that it needs."""
     candidates = [surface for surface in scene.surfaces if surface.receiver is not None]
     if not candidates:
@@ -32,7 +34,7 @@ def plan_receivers(ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...]
         elif not lights and not any(scene.ambient) and "normal" not in surface.receiver.bake:
             ledger.omit("bake", (surface.path,), "no light shines on it")
         else:
-            receivers.append(_Receiver(ledger, scene, surface, domains).plan(lights))
+            receivers.append(_Receiver(ledger, scene, surface, domains, shadows).plan(lights))
     return tuple(receivers)
 
 
@@ -49,8 +51,15 @@ def _shines(ledger: Ledger, scene: Scene, light: Light) -> bool:
 class _Receiver:
     """The plan of one receiver."""
 
-    def __init__(self, ledger: Ledger, scene: Scene, surface: Surface, domains: tuple[DomainPlan, ...]):
-        self.ledger, self.scene, self.surface, self.domains = ledger, scene, surface, domains
+    def __init__(
+        self,
+        ledger: Ledger,
+        scene: Scene,
+        surface: Surface,
+        domains: tuple[DomainPlan, ...],
+        shadows: SurfaceShadows,
+    ):
+        self.ledger, self.scene, self.surface, self.domains, self.shadows = ledger, scene, surface, domains, shadows
         self.corners = swept_corners(surface, scene.frames)
 
     def plan(self, lights: list[Light]) -> ReceiverPlan:
@@ -92,12 +101,11 @@ class _Receiver:
         pair = (self.surface.path, light.path)
         bakes = set(self.surface.receiver.bake)
         casters = self._casters(light) if bakes & {"lit", "irradiance", "visibility"} else []
-        casters_move = any(is_moving(caster) or isinstance(caster.visible, Samples) for caster in casters)
         varies = any(isinstance(value, Samples) for value in (light.intensity, light.enabled))
         # A highlight follows the camera.
         still = [light, self.surface, *([self.scene.camera] if self.scene.camera else [])]
-        when = When.FRAME if varies or casters_move or is_moving(*still) else When.ONCE
-        method = self._surface_shadow(light, casters, casters_move, when) if casters else None
+        when = When.FRAME if varies or casters_change(casters) or is_moving(*still) else When.ONCE
+        method = self.shadows.plan(light, casters, self.surface.path, self.corners, when) if casters else None
         smoke = self._smoke(light) if bakes & {"lit", "irradiance", "smokeShadow"} else ()
         if smoke:
             why = f"smoke in {', '.join(each.domain.domain.path for each in smoke)} may stand between the light and it"
@@ -105,58 +113,19 @@ class _Receiver:
         self.ledger.keep("shade_light", pair, when, "radiance", "the light shines on it")
         return LightPlan(light, method, smoke, when)
 
-    def _surface_shadow(self, light: Light, casters: list[Surface], casters_move: bool, when: When) -> str:
-        path = self.surface.path
-        names = ", ".join(c.path for c in casters[:3]) + (f" and {len(casters) - 3} more" if len(casters) > 3 else "")
-        if light.shadow_filter in ("exact", "area"):
-            method = light.shadow_filter
-        else:
-            method = depth_map_of(light)
-            traced = When.FRAME if casters_move or is_moving(light) else When.ONCE
-            why = f"{names} may shadow {path}"
-            self.ledger.keep("trace_shadow_map", (light.path,), traced, "depth map", why, method)
-            if method == "cube":
-                self._faces_left_out(light, casters)
-        why = f"{names} may stand between the light and it"
-        self.ledger.keep("surface_visibility", (path, light.path), when, "share of light past surfaces", why, method)
-        return method
-
-    def _faces_left_out(self, light: Light, casters: list[Surface]) -> None:
-        """Notes the cube's faces over which no caster and receiver lie at any frame, for a light that stands still."""
-        if is_moving(light):
-            return
-        position = light.position_at(self.scene.start)
-        receivers = [s for s in self.scene.surfaces if s.receiver is not None]
-        holds = [np.any(_on_faces(self._boxes(each), position), axis=0) for each in (casters, receivers)]
-        for face, casts, receives in zip(FACE_NAMES, *holds, strict=True):
-            if not (casts and receives):
-                why = f"its frustum holds no {'caster' if receives else 'receiver'}"
-                self.ledger.omit("trace_shadow_map", (light.path, face), why)
-
-    def _boxes(self, surfaces: list[Surface]) -> np.ndarray:
-        corners = [swept_corners(surface, self.scene.frames) for surface in surfaces]
-        return np.array([[c.min(axis=0), c.max(axis=0)] for c in corners if len(c)]).reshape(-1, 2, 3)
-
     def _casters(self, light: Light) -> list[Surface]:
         if not light.shadow_enable:
             why = f"{light.path} has shadows switched off"
         elif not self.surface.receiver.receive_shadow:
             why = "smoke:receiveShadow is false"
         else:
-            casters = [surface for surface in self.scene.surfaces if self._may_cast(surface, light)]
+            casters = casters_between(self.scene, light, self.corners)
+            casters = [caster for caster in casters if caster is not self.surface or not is_flat(caster)]
             if casters:
                 return casters
             why = "nothing stands between the light and it"
         self.ledger.omit("surface_visibility", (self.surface.path, light.path), why)
         return []
-
-    def _may_cast(self, caster: Surface, light: Light) -> bool:
-        frames = self.scene.frames
-        if not light.may_be_shadowed_by(caster.path):
-            return False
-        if not np.any(over(caster.visible, frames)) or (caster is self.surface and is_flat(caster)):
-            return False
-        return may_shadow(light, swept_corners(caster, frames), self.corners, frames)
 
     def _smoke(self, light: Light) -> tuple[SmokeShadowPlan, ...]:
         pair = (self.surface.path, light.path)
@@ -201,16 +170,3 @@ class _Receiver:
             why = f"smoke in {each.domain.path} casts a shadow"
             self.ledger.keep("project_smoke", pair, When.FRAME, "light buffer", why, method)
         return method
-
-
-def depth_map_of(light: Light) -> str:
-    """The kind of depth map that serves a light."""
-    if isinstance(light, DistantLight):
-        return "directional"
-    return "spot" if isinstance(light, SpotLight) and light.cone_angle <= WIDEST_CONE else "cube"
-
-
-def _on_faces(boxes: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Whether each box lies in the frustum of each cube face, [n, 6]."""
-    left, right, top, bottom = np.moveaxis(cube_rectangles(boxes, position), -1, 0)
-    return (left <= 1.0) & (right >= -1.0) & (top <= 1.0) & (bottom >= -1.0) & (left <= right)

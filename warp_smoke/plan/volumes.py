@@ -5,16 +5,21 @@ import numpy as np
 from warp_smoke.plan.passes import DomainPlan, Ledger, LightPlan, SmokeShadowPlan, VolumePlan, When
 from warp_smoke.plan.reach import box_corners, in_range, may_shadow, over
 from warp_smoke.plan.shading import DEFAULT_LAYER
+from warp_smoke.plan.surface_shadow import SurfaceShadows, casters_between
 from warp_smoke.scene import Light, Scene
 from warp_smoke.shadow.light_buffer import buffer_serves, light_times
 
 
-def plan_volumes(ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...]) -> tuple[VolumePlan, ...]:
+def plan_volumes(
+    ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...], shadows: SurfaceShadows
+) -> tuple[VolumePlan, ...]:
     """Plans the light grids of all domains that ask for one."""
-    return tuple(_plan_volume(ledger, scene, each, domains) for each in domains if "light" in each.grids)
+    return tuple(_plan_volume(ledger, scene, each, domains, shadows) for each in domains if "light" in each.grids)
 
 
-def _plan_volume(ledger: Ledger, scene: Scene, each: DomainPlan, domains: tuple[DomainPlan, ...]) -> VolumePlan:
+def _plan_volume(
+    ledger: Ledger, scene: Scene, each: DomainPlan, domains: tuple[DomainPlan, ...], shadows: SurfaceShadows
+) -> VolumePlan:
     path, corners = each.domain.path, box_corners(each.lattice)
     lights = []
     for light in scene.lights:
@@ -24,7 +29,9 @@ def _plan_volume(ledger: Ledger, scene: Scene, each: DomainPlan, domains: tuple[
         elif not in_range(light, corners, scene.frames):
             ledger.omit("light_volume", pair, f"{path} lies beyond its falloffEnd")
         else:
-            lights.append(LightPlan(light, None, _smoke(ledger, scene, light, each, domains), When.FRAME))
+            casters = casters_between(scene, light, corners) if light.shadow_enable else []
+            method = shadows.plan(light, casters, path, corners, When.FRAME) if casters else None
+            lights.append(LightPlan(light, method, _smoke(ledger, scene, light, each, domains), When.FRAME))
     ledger.keep("light_volume", (path,), When.FRAME, "light grid", "light is among the exported grids")
     return VolumePlan(each, tuple(lights))
 

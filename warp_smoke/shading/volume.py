@@ -1,10 +1,11 @@
 """Light inside the smoke: what each cell scatters on, by single scattering with an even phase function.
 
-S = albedo ⊗ (ambient + Σ_L T_L ⊗ B_L / 4), with π B_L the irradiance of a surface that faces light L (`light_source`)
-and T_L the share that the smoke between them lets through. Along a ray, a renderer adds S (1 − e^(−τ)).
+S = albedo ⊗ (ambient + Σ_L V_L T_L ⊗ B_L / 4), with π B_L the irradiance of a surface that faces light L
+(`light_source`), and V_L and T_L the shares that the surfaces and the smoke between them let through. Along a
+ray, a renderer adds S (1 − e^(−τ)).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 import warp as wp
@@ -32,20 +33,29 @@ def _place_cells(rows: Rows, cells: wp.array[int], ny: int, nz: int, to_set: wp.
 
 
 @wp.kernel
+def _face_light(rows: Rows, light: LightSource, points: wp.array[wp.vec3], normals_out: wp.array[wp.vec3]):
+    """normals[s] = unit vector from points[s] to the light."""
+    s = rows.first + wp.tid()
+    to_light, _ = incident_light(light, points[s])
+    normals_out[s] = to_light
+
+
+@wp.kernel
 def _scatter_light(
     rows: Rows,
     light: LightSource,
     points: wp.array[wp.vec3],
+    visibility: wp.array[float],
     shares: wp.array2d[float],
     albedo: wp.vec3,
     scattered_inout: wp.array[wp.vec3],
 ):
-    """scattered[s] += albedo ⊗ T ⊗ B / 4, with one share for all colours or one each."""
+    """scattered[s] += V albedo ⊗ T ⊗ B / 4, with one share T for all colours or one each."""
     s = rows.first + wp.tid()
     _, b = incident_light(light, points[s])
     last = shares.shape[0] - 1
     share = wp.vec3(shares[0, s], shares[wp.min(1, last), s], shares[last, s])
-    scattered_inout[s] = scattered_inout[s] + 0.25 * wp.cw_mul(albedo, wp.cw_mul(share, b))
+    scattered_inout[s] = scattered_inout[s] + 0.25 * visibility[s] * wp.cw_mul(albedo, wp.cw_mul(share, b))
 
 
 class VolumeLight:
@@ -59,6 +69,7 @@ class VolumeLight:
         origin: np.ndarray,
         albedo: tuple[float, float, float],
         ambient: tuple[float, float, float],
+        shadowed: Collection[str] = (),
     ):
         """Allocates scratch memory for a block of cells.
 
@@ -69,6 +80,7 @@ class VolumeLight:
             origin: world position of set space's origin [stage units], [3] float64.
             albedo: linear RGB.
             ambient: light from everywhere, linear RGB.
+            shadowed: paths of the lights from which surfaces shadow the smoke.
         """
         self._launcher, self._lattice, self._lights, self._origin = launcher, lattice, tuple(lights), origin
         to_set = lattice.cells_to_world()
@@ -79,17 +91,28 @@ class VolumeLight:
         self._cells = launcher.zeros(BLOCK, "volume_light", dtype=int)
         self._points = launcher.zeros(BLOCK, "volume_light", dtype=wp.vec3)
         self._scattered = launcher.zeros(BLOCK, "volume_light", dtype=wp.vec3)
+        self._unshadowed = launcher.array(np.ones(BLOCK, np.float32), "volume_light")
+        self._shadowed = frozenset(shadowed)
+        if self._shadowed:
+            self._normals = launcher.zeros(BLOCK, "volume_light", dtype=wp.vec3)
+            self._visibility = launcher.zeros(BLOCK, "volume_light")
         self._shares = {n: launcher.zeros((n, BLOCK), "volume_light") for n in {n for _, n in self._lights}}
 
     def update(
-        self, density: np.ndarray, time: float, look_through: Callable[[Light, wp.array, wp.array], None]
+        self,
+        density: np.ndarray,
+        time: float,
+        look_through: Callable[[Light, wp.array, wp.array], None],
+        look_past: Callable[[Light, wp.array, wp.array, wp.array], None],
     ) -> np.ndarray:
         """The light that is scattered at a time code.
 
         Args:
             density: [nx, ny, nz]; cells without density stay black.
             time: time code.
-            look_through: multiplies shares [1 or 3, n] of a light by what reaches points [n].
+            look_through: multiplies shares [1 or 3, n] of a light by what smoke lets through to points [n].
+            look_past: writes which share [n] of a light that is `shadowed` passes surfaces to points [n] with surface
+                normals [n], which face the light.
 
         Returns:
             S, linear RGB, [nx, ny, nz, 3] float32.
@@ -108,7 +131,12 @@ class VolumeLight:
                 shares = self._shares[channels]
                 shares.fill_(1.0)
                 look_through(light, self._points, shares)
-                args = (source, self._points, shares, self._albedo, self._scattered)
+                visibility = self._unshadowed
+                if light.path in self._shadowed:
+                    visibility = self._visibility
+                    launch(_face_light, BLOCK, source, self._points, self._normals)
+                    look_past(light, self._points, self._normals, visibility)
+                args = (source, self._points, visibility, shares, self._albedo, self._scattered)
                 launch(_scatter_light, BLOCK, *args)
             found.reshape(-1, 3)[block] = self._scattered.numpy()[: len(block)]
         return found
