@@ -38,7 +38,7 @@ _FLUID = {
     "project_pressure conjugate_gradient": (*_CONJUGATE_GRADIENTS, "fluid.pressure.preconditioner"),
     "project_pressure red_black": (*_ITERATIVE, "fluid.pressure.relaxation"),
     "project_pressure jacobi": (*_ITERATIVE, "fluid.pressure.relaxation"),
-    "advect_density": ("fluid.trace", "fluid.advection"),
+    "advect_density": ("fluid.halo", "fluid.trace", "fluid.advection"),
     "advect_density semi_lagrangian_cubic": ("fluid.cubic",),
     "advect_density bfecc": ("fluid.bfecc",),
     "diffuse_velocity spectral": _SPECTRAL_DIFFUSION,

@@ -7,7 +7,8 @@ import pytest
 import warp as wp
 
 from warp_smoke.fluid.grid import all_cells
-from warp_smoke.fluid.trace import trace_ahead, trace_back, trace_limits
+from warp_smoke.fluid.runge_kutta import TRACES, trace_back
+from warp_smoke.fluid.trace import trace_ahead, trace_limits
 
 SHAPE = (16, 17, 18)
 OPEN, CLOSED = ("open",) * 6, ("closed",) * 6
@@ -27,10 +28,10 @@ def _turned(points: np.ndarray, angle: float) -> np.ndarray:
     return CENTER + along + np.cos(angle) * (r - along) + np.sin(angle) * np.cross(AXIS, r)
 
 
-def _traces(launcher, velocity, step, limits):
+def _traces(launcher, velocity, step, limits, scheme="rk2"):
     """Displacements backwards and forwards of every cell, each [n, 3]."""
     back, ahead = ([launcher.zeros(SHAPE, "test") for _ in range(3)] for _ in range(2))
-    trace_back(launcher, all_cells(SHAPE), velocity, step, limits, back)
+    trace_back(launcher, scheme, all_cells(SHAPE), velocity, step, limits, back)
     trace_ahead(launcher, all_cells(SHAPE), velocity, step, limits, back, ahead)
     return [np.stack([along.numpy().ravel() for along in both], axis=1) for both in (back, ahead)]
 
@@ -63,6 +64,20 @@ def test_order_in_solid_rotation(launcher, sample_velocity):
         )
     rates = [np.log2(np.array(a) / b) for a, b in pairwise(errors)]
     np.testing.assert_allclose(rates, np.broadcast_to([3.0, 3.0, 2.0], (2, 3)), atol=0.1)
+
+
+@pytest.mark.parametrize(("scheme", "order"), [("euler", 1), ("rk2", 2), ("rk3", 3)])
+def test_order_of_the_traces(launcher, sample_velocity, scheme, order):
+    """One step of each method misses the turned point by O(dt^(order + 1)), as fitted over three steps."""
+    velocity = sample_velocity(_turning, SHAPE)
+    points = np.stack(np.indices(SHAPE).reshape(3, -1), axis=1).astype(float)
+    middle = np.linalg.norm(points - CENTER, axis=1) < 4.5  # none of their traces leaves the samples
+    angles, errors = (0.8, 0.4, 0.2), []
+    for angle in angles:
+        back, _ = _traces(launcher, velocity, angle, FAR, scheme)
+        errors.append(np.abs((back - (_turned(points, -angle) - points))[middle]).max())
+    assert np.polyfit(np.log(angles), np.log(errors), 1)[0] == pytest.approx(order + 1, abs=0.1)
+    assert len(TRACES) == 3
 
 
 @pytest.mark.parametrize("sides", [OPEN, CLOSED, ("open", "closed", "closed", "open", "open", "closed")])

@@ -19,7 +19,13 @@ _STENCIL = 2
 _ALIGNMENT = 8
 
 
-def fit_boxes(smoke: Box | None, fast: Box | None, courant: float, shape: tuple[int, int, int]) -> tuple[Box, Box]:
+def fit_boxes(
+    smoke: Box | None,
+    fast: Box | None,
+    courant: float,
+    shape: tuple[int, int, int],
+    periodic: tuple[bool, bool, bool] = (False, False, False),
+) -> tuple[Box, Box]:
     """The cells in which velocity is carried, and those in which scalars are.
 
     Args:
@@ -27,6 +33,7 @@ def fit_boxes(smoke: Box | None, fast: Box | None, courant: float, shape: tuple[
         fast: cells with fast air, or None.
         courant: cells that anything moves in the step, at most.
         shape: cells of the domain along each axis (nx, ny, nz).
+        periodic: axes along which a box that leaves the domain comes in again; there it is the whole axis.
     """
     empty = Box((0, 0, 0), (0, 0, 0))
     core = hull((smoke, fast))
@@ -34,12 +41,15 @@ def fit_boxes(smoke: Box | None, fast: Box | None, courant: float, shape: tuple[
         return empty, empty
     reach = ceil(min(courant, max(shape)))
     extent = min(high - low for low, high in zip(*core, strict=True))
-    air = _grow(core, reach + max(_LEAST_MARGIN, ceil(_MARGIN * extent)), shape)
-    return air, empty if smoke is None else _grow(smoke, reach + _STENCIL, shape)
+    air = _grow(core, reach + max(_LEAST_MARGIN, ceil(_MARGIN * extent)), shape, periodic)
+    return air, empty if smoke is None else _grow(smoke, reach + _STENCIL, shape, periodic)
 
 
-def _grow(box: Box, cells: int, shape: tuple[int, int, int]) -> Box:
+def _grow(box: Box, cells: int, shape: tuple[int, int, int], periodic: tuple[bool, bool, bool]) -> Box:
     """The box with so many cells added on each side, and then up to whole multiples of the alignment."""
-    lower = (max((low - cells) // _ALIGNMENT * _ALIGNMENT, 0) for low in box.lower)
-    upper = (-(-(high + cells) // _ALIGNMENT) * _ALIGNMENT for high in box.upper)
-    return Box(tuple(lower), tuple(map(min, upper, shape)))
+    lower, upper = [], []
+    for low, high, n, again in zip(*box, shape, periodic, strict=True):
+        wraps = again and (low < cells or high + cells > n)
+        lower.append(0 if wraps else max((low - cells) // _ALIGNMENT * _ALIGNMENT, 0))
+        upper.append(n if wraps else min(-(-(high + cells) // _ALIGNMENT) * _ALIGNMENT, n))
+    return Box(tuple(lower), tuple(upper))

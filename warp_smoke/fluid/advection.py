@@ -5,29 +5,33 @@ Unconditionally Stable MacCormack Method*, 2008 (with its two ways to keep the r
 
 Density and temperature that come in through an open side have ambient values: beyond it lies one layer of ambient
 cells. Velocity there is that of the wind or, without wind, goes on as on the side. Through a closed side nothing comes:
-traces end on it, and between it and the first cell centre a field is constant.
+traces end on it, and between it and the first cell centre a field is constant. A periodic side has no end: ghost cells
+go on as the other end of the domain (`periodic_advection.py`).
 """
 
-from math import prod, sqrt
+from math import inf, prod, sqrt
 
 import warp as wp
 
 from warp_smoke.fluid.grid import (
     Block,
     Box,
-    Patch,
     all_cells,
     around,
     beside,
     box_of,
+    common,
     face_shape,
+    ghost_samples,
     inner_faces,
     patch_of,
     side_faces_from_within,
 )
+from warp_smoke.fluid.halo import copy_samples
 from warp_smoke.fluid.interpolation import blend, corners, fraction, greater, lesser, sample, settle, within
+from warp_smoke.fluid.runge_kutta import trace_back
 from warp_smoke.fluid.solid_boundary import SolidBoundary
-from warp_smoke.fluid.trace import trace_ahead, trace_back, trace_limits
+from warp_smoke.fluid.trace import trace_ahead, trace_limits
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
@@ -62,7 +66,7 @@ def end_of_trace(
 
 
 @wp.kernel
-def _sample_back(
+def sample_back(
     rows: Rows,
     block: Block,
     dx: wp.array3d[float],
@@ -109,7 +113,7 @@ def _guess(
     least_out: wp.array3d[float],
     most_out: wp.array3d[float],
 ):
-    """Like `_sample_back`, with the range of the eight samples around x + d, or of a_out alone if that is outside."""
+    """Like `sample_back`, with the range of the eight samples around x + d, or of a_out alone if that is outside."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
@@ -224,21 +228,6 @@ def _correct_or_not(
 
 
 @wp.kernel
-def _copy(rows: Rows, block: Block, a: wp.array3d[float], a_out: wp.array3d[float]):
-    """Copy: a_out(x) = a(x − before)."""
-    i, j, c = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    src = beside(a, block.before)
-    out = dense_store(a_out)
-    k = wp.max(block.first[2] + c * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        out[i, j, k] = bits(src[i, j, k])
-        k += 1
-
-
-@wp.kernel
 def _scale(rows: Rows, factor: float, u_inout: wp.array3d[float]):
     """Scaling: u = factor u."""
     i, j, c = wp.tid()
@@ -258,16 +247,22 @@ class _Samples:
         shape: of the field.
         carried: the samples that are carried: those between cells that are active; faces on the domain's sides are not.
         kept: the others within the domain, which stay as they are.
-        continued: faces on open sides, which go on as the next face inside.
+        continued: faces on open sides, which go on as the next face inside; then ghosts.
         thin: whether there is no face inside, in a domain one cell thick.
         clamped: first and last sample along each axis, lower and upper.
         limits: the same, but one sample farther out on open sides.
     """
 
-    def __init__(self, shape: tuple[int, int, int], sides: tuple[str, ...], carried: Patch, continued: list[Patch]):
-        self.shape, self.continued = shape, continued
-        self.carried, self.kept, self._inside, self.thin = carried, [], carried, 0 in carried.shape
-        last = [n - 1 for n in shape]
+    def __init__(self, cells: tuple, sides: tuple[str, ...], layers: tuple[int, int, int], axis: int | None):
+        self.shape = cells if axis is None else face_shape(cells, axis)
+        self.continued = [] if axis is None else side_faces_from_within(cells, sides, axis)
+        self.continued += ghost_samples(cells, layers, axis)
+        every = all_cells(cells) if axis is None else inner_faces(cells, axis)
+        # Of the faces on a periodic side the first are carried, and the last are ghosts.
+        own = Box(layers, tuple(n - g if g else m for n, g, m in zip(cells, layers, self.shape, strict=True)))
+        self._inside = patch_of(common(box_of(every), own), every)
+        self.carried, self.kept, self.thin = self._inside, [], 0 in self._inside.shape
+        last = [n - 1 for n in self.shape]
         out = [int(side == "open") for side in sides]
         self.clamped = wp.vec3(0.0, 0.0, 0.0), wp.vec3(*last)
         self.limits = wp.vec3(*(-n for n in out[0::2])), wp.vec3(*(n + m for n, m in zip(last, out[1::2], strict=True)))
@@ -285,7 +280,7 @@ class _Samples:
 class SemiLagrangian:
     """Order 1: each sample takes the value interpolated where its trace began."""
 
-    _kernel = _sample_back
+    _kernel = sample_back
 
     def __init__(
         self,
@@ -293,25 +288,25 @@ class SemiLagrangian:
         shape: tuple[int, int, int],
         sides: tuple[str, ...],
         boundary: SolidBoundary | None = None,
+        trace: str = "rk2",
+        layers: tuple[int, int, int] = (0, 0, 0),
     ):
         """Allocates.
 
         Args:
             launcher: where it runs.
-            shape: cells along each axis (nx, ny, nz).
+            shape: cells along each axis (nx, ny, nz), ghosts among them.
             sides: open or closed for each of -x +x -y +y -z +z.
             boundary: of the colliders, or None.
+            trace: one of `TRACES`.
+            layers: of ghost cells at both ends of each axis.
         """
-        self._launcher, self._boundary = launcher, boundary
+        self._launcher, self._boundary, self._scheme = launcher, boundary, trace
         self._trace_limits = trace_limits(shape, sides)
-        self._air, self._traced = box_of(all_cells(shape)), all_cells(shape)
-        self._cells = _Samples(shape, sides, all_cells(shape), [])
-        self._faces = tuple(
-            _Samples(
-                face_shape(shape, axis), sides, inner_faces(shape, axis), side_faces_from_within(shape, sides, axis)
-            )
-            for axis in range(3)
-        )
+        self._traced = all_cells(shape)
+        self._air = box_of(self._traced)
+        self._cells = _Samples(shape, sides, layers, None)
+        self._faces = tuple(_Samples(shape, sides, layers, axis) for axis in range(3))
         self._back = self._zeros([shape] * 3)
         self._spare = {samples: launcher.zeros(samples.shape, "advection") for samples in (self._cells, *self._faces)}
 
@@ -337,16 +332,23 @@ class SemiLagrangian:
         """Of the traces, 0 where velocity is not carried."""
         return self._back
 
-    def trace(self, velocity: tuple, step: float) -> None:
+    def trace(self, velocity: tuple, step: float, courant: float = inf) -> None:
         """Traces through one step; what is advected next follows these traces.
 
         Args:
-            velocity: u, v, w on faces [m/s].
+            velocity: u, v, w on faces [m/s], changed inside of solids.
             step: dt / h [s/m].
+            courant: cells that air moves in the step, at most.
         """
-        trace_back(self._launcher, self._traced, velocity, step, self._trace_limits, self._back)
+        self._trace_back(velocity, step, courant)
         if self._boundary:
             self._boundary.stop(self._back, self._back)
+
+    def _trace_back(self, velocity: tuple, step: float, courant: float) -> None:
+        if self._boundary:
+            self._boundary.follow(courant)
+            self._boundary.extend(velocity)
+        trace_back(self._launcher, self._scheme, self._traced, velocity, step, self._trace_limits, self._back)
 
     def advect_velocity(self, velocity: tuple, wind: tuple[float, float, float] | None = None) -> tuple:
         """Carries u, v, w; returns them in other arrays, and keeps the given ones for the next time.
@@ -390,14 +392,11 @@ class SemiLagrangian:
             self._boundary.sample(self._back, field, limits, ambient, (new, new, new))
 
     def _keep(self, samples: _Samples, field: wp.array, new: wp.array) -> None:
-        for shape, block in samples.kept:
-            self._launcher.launch(_copy, shape, block, field, new)
+        copy_samples(self._launcher, samples.kept, field, new)
 
     def _continue(self, samples: _Samples, field: wp.array, new: wp.array) -> None:
         # In a domain one cell thick there is no next face inside; those on its sides keep their velocity.
-        source = field if samples.thin else new
-        for shape, block in samples.continued:
-            self._launcher.launch(_copy, shape, block, source, new)
+        copy_samples(self._launcher, samples.continued, field if samples.thin else new, new)
 
 
 class MacCormack(SemiLagrangian):
@@ -407,15 +406,9 @@ class MacCormack(SemiLagrangian):
     which keeps it sharp; velocity falls back to its guess, for where it is clamped, noise feeds on the flow.
     """
 
-    def __init__(
-        self,
-        launcher: Launcher,
-        shape: tuple[int, int, int],
-        sides: tuple[str, ...],
-        boundary: SolidBoundary | None = None,
-    ):
+    def __init__(self, launcher: Launcher, shape: tuple[int, int, int], *args, **options):
         """Allocates; arguments as for `SemiLagrangian`."""
-        super().__init__(launcher, shape, sides, boundary)
+        super().__init__(launcher, shape, *args, **options)
         self._ahead = self._zeros([shape] * 3)
         self._guess = {samples: launcher.zeros(samples.shape, "advection") for samples in self._spare}
         bounds = self._zeros([max(prod(samples.shape) for samples in self._spare)] * 2)
@@ -426,22 +419,26 @@ class MacCormack(SemiLagrangian):
     def _displacements(self) -> list:
         return [*self._back, *self._ahead]
 
-    def trace(self, velocity: tuple, step: float) -> None:
+    def trace(self, velocity: tuple, step: float, courant: float = inf) -> None:
         """Traces through one step both ways."""
-        trace_back(self._launcher, self._traced, velocity, step, self._trace_limits, self._back)
+        self._trace_back(velocity, step, courant)
         trace_ahead(self._launcher, self._traced, velocity, step, self._trace_limits, self._back, self._ahead)
         if self._boundary:
             self._boundary.stop(self._back, self._ahead)
 
     def _carry(self, samples: _Samples, field: wp.array, limits: tuple, ambient: float, new: wp.array) -> None:
-        (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
-        self._keep(samples, field, guess)
+        self._keep(samples, field, self._guess[samples])
         self._keep(samples, field, new)
+        self._make_guess(samples, field, limits, ambient)
+        self._continue(samples, field, self._guess[samples])
+        self._correct(samples, field, limits, new)
+
+    def _make_guess(self, samples: _Samples, field: wp.array, limits: tuple, ambient: float) -> None:
+        """The first-order guess, and the bounds of the result."""
+        (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
         self._launcher.launch(_guess, shape, block, *self._back, field, *limits, ambient, guess, *bounds)
         if self._boundary and samples is self._cells:
             self._boundary.sample(self._back, field, limits, ambient, (guess, *bounds))
-        self._continue(samples, field, guess)
-        self._correct(samples, field, limits, new)
 
     def _correct(self, samples: _Samples, field: wp.array, limits: tuple, new: wp.array) -> None:
         """Makes the new field of the guess, within the bounds.

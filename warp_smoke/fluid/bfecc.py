@@ -9,7 +9,6 @@ import warp as wp
 from warp_smoke.fluid.advection import MacCormack, end_of_trace
 from warp_smoke.fluid.grid import Block, beside
 from warp_smoke.fluid.interpolation import sample, settle, within
-from warp_smoke.fluid.solid_boundary import SolidBoundary
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
@@ -128,15 +127,9 @@ class Bfecc(MacCormack):
     The result is limited as by `MacCormack`: scalars are clamped, velocity falls back to the first-order guess.
     """
 
-    def __init__(
-        self,
-        launcher: Launcher,
-        shape: tuple[int, int, int],
-        sides: tuple[str, ...],
-        boundary: SolidBoundary | None = None,
-    ):
+    def __init__(self, launcher: Launcher, *args, **options):
         """Allocates; arguments as for `SemiLagrangian`."""
-        super().__init__(launcher, shape, sides, boundary)
+        super().__init__(launcher, *args, **options)
         # Not shared: faces on closed sides are never written, and have to stay 0.
         self._better = {samples: launcher.zeros(samples.shape, "advection") for samples in self._spare}
 

@@ -97,6 +97,20 @@ def _push_closed(
         k += 1
 
 
+@wp.kernel
+def _empty(rows: Rows, fluid: wp.array3d[float], ambient: float, a_inout: wp.array3d[float]):
+    """Emptying: a = ambient in solid cells."""
+    i, j, c = wp.tid()
+    i += rows.first
+    f = dense(fluid)
+    a = dense(a_inout)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, fluid.shape[2])
+    while k < end:
+        a[i, j, k] = wp.where(f[i, j, k] > 0.0, a[i, j, k], ambient)
+        k += 1
+
+
 def open_faces(
     launcher: Launcher,
     fluid: wp.array,
@@ -112,6 +126,11 @@ def open_faces(
         shares: wx, wy, wz, the open share of each face, written.
     """
     launcher.launch(_open_faces, corners(fluid.shape), fluid, *side_weights(sides), *shares)
+
+
+def empty_solids(launcher: Launcher, solids: "Solids", field: wp.array, ambient: float) -> None:
+    """Makes a field of the cells ambient in solids."""
+    launcher.launch(_empty, field.shape, solids.fluid, ambient, field)
 
 
 class Solids:

@@ -101,6 +101,46 @@ def side_faces_from_within(shape: tuple[int, int, int], sides: tuple[str, ...], 
     return patches
 
 
+def seam_faces(shape: tuple[int, int, int], sides: tuple[str, ...], axis: int) -> list[Patch]:
+    """Both copies of the faces on a periodic side across an axis, if it has one; beside them are the two end cells."""
+    if sides[2 * axis] != "periodic":
+        return []
+    unit = _unit(axis)
+    n = shape[axis]
+    count = tuple(1 if step else cells for cells, step in zip(shape, unit, strict=True))
+    lower = make_patch((0, 0, 0), count, tuple((1 - n) * step for step in unit), (0, 0, 0))
+    upper = make_patch(tuple(n * step for step in unit), count, unit, tuple(n * step for step in unit))
+    return [lower, upper]
+
+
+def ghost_samples(cells: tuple[int, int, int], layers: tuple[int, int, int], axis: int | None = None) -> list[Patch]:
+    """The layers of ghost samples around a periodic field, each with the sample that it repeats before it.
+
+    To be filled in this order, for later ones repeat earlier ones.
+
+    Args:
+        cells: along each axis, ghosts among them.
+        layers: of ghost cells at both ends of each axis; 0 along axes that are not periodic.
+        axis: of a field on the faces across it; None = at cell centres.
+    """
+    shape = list(cells if axis is None else face_shape(cells, axis))
+    lower = list(layers)
+    upper = [n - g if g else m for n, m, g in zip(cells, shape, layers, strict=True)]
+    patches = []
+    for a in (a for a in range(3) if layers[a]):
+        first, stop, period = lower[a], upper[a], cells[a] - 2 * layers[a]
+        back = tuple(period * step for step in _unit(a))
+        ahead = tuple(-step for step in back)
+        ends = [(max(end - period, 0), end, ahead) for end in range(first, 0, -period)]
+        ends += [(start, min(start + period, shape[a]), back) for start in range(stop, shape[a], period)]
+        for start, end, before in ends:
+            lower[a], upper[a] = start, end
+            count = tuple(high - low for low, high in zip(lower, upper, strict=True))
+            patches.append(make_patch(tuple(lower), count, before, before))
+        lower[a], upper[a] = 0, shape[a]
+    return patches
+
+
 def patch_of(box: Box, like: Patch) -> Patch:
     """The samples in a box, with the same cells beside them as in another patch."""
     shape = tuple(max(high - low, 0) for low, high in zip(*box, strict=True))
@@ -126,6 +166,11 @@ def hull(boxes: Iterable[Box | None]) -> Box | None:
         return None
     lowers, uppers = zip(*some, strict=True)
     return Box(tuple(map(min, zip(*lowers, strict=True))), tuple(map(max, zip(*uppers, strict=True))))
+
+
+def common(a: Box, b: Box) -> Box:
+    """The samples that are in both boxes, which overlap."""
+    return Box(tuple(map(max, a.lower, b.lower)), tuple(map(min, a.upper, b.upper)))
 
 
 def grown(box: Box, samples: int, shape: tuple[int, int, int]) -> Box:

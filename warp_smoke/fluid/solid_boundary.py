@@ -351,20 +351,6 @@ def _extend(
         k += 1
 
 
-@wp.kernel
-def _empty(rows: Rows, fluid: wp.array3d[float], ambient: float, a_inout: wp.array3d[float]):
-    """Emptying: a = ambient in solid cells."""
-    i, j, c = wp.tid()
-    i += rows.first
-    f = dense(fluid)
-    a = dense(a_inout)
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, fluid.shape[2])
-    while k < end:
-        a[i, j, k] = wp.where(f[i, j, k] > 0.0, a[i, j, k], ambient)
-        k += 1
-
-
 class SolidBoundary:
     """The colliders of a domain as advection sees them."""
 
@@ -417,10 +403,6 @@ class SolidBoundary:
         self._launcher.launch(_spread, *patch, x, self._spare, self._crowded)
         self._launcher.launch(_spread, *patch, y, self._crowded, self._spare)
         self._launcher.launch(_spread, *patch, z, self._spare, self._crowded)
-
-    def empty(self, field: wp.array, ambient: float) -> None:
-        """Makes a field of the cells ambient in solids."""
-        self._launcher.launch(_empty, field.shape, self._solids.fluid, ambient, field)
 
     def extend(self, velocity: tuple) -> None:
         """Continues the flow along solids one face into them, so that it slips.

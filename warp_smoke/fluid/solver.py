@@ -14,7 +14,7 @@ import numpy as np
 from warp_smoke.fluid.active_box import FAST, fit_boxes
 from warp_smoke.fluid.advection import limit_energy
 from warp_smoke.fluid.array_source import ArraySource
-from warp_smoke.fluid.colliders import Solids
+from warp_smoke.fluid.colliders import Solids, empty_solids
 from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffusion_number
 from warp_smoke.fluid.dissipation import decay
 from warp_smoke.fluid.emitters import Interval, Source
@@ -29,6 +29,7 @@ from warp_smoke.fluid.operators import (
     subtract_fluid_gradient,
     subtract_gradient,
 )
+from warp_smoke.fluid.periodic_advection import MOST_COURANT, PaddedSolids, PeriodicAdvection, advection_halo
 from warp_smoke.fluid.pressure import PRESSURE_SOLVERS, PressureProblem, PressureStatus
 from warp_smoke.fluid.schemes import ADVECTION_SCHEMES
 from warp_smoke.fluid.solid_boundary import SolidBoundary
@@ -106,13 +107,19 @@ class SmokeSolver:
         ]
         self.state = make_state(launcher, shape, self._passes, plan.domain.ambient_temperature)
         self.solids = Solids(launcher, plan.lattice, plan.colliders) if self._has("voxelize_colliders") else None
-        self._boundary = SolidBoundary(launcher, self.solids) if self.solids else None
+        halo = advection_halo(launcher, shape, sides, plan.domain.max_courant) if self._has("advect_density") else None
+        solids = PaddedSolids(self.solids, halo) if self.solids and halo else self.solids
+        self._boundary = SolidBoundary(launcher, solids) if solids else None
         self._flows = self._has("project_pressure")
         if self._flows:
             problem = PressureProblem(shape=shape, sides=sides, solids=self.solids, tolerance=plan.pressure_tolerance)
             self._pressure_solver = PRESSURE_SOLVERS[plan.pressure_solver](launcher, problem)
             self._divergence = launcher.zeros(shape, "divergence")
-            self._advection = ADVECTION_SCHEMES[plan.advection](launcher, shape, sides, self._boundary)
+            scheme = ADVECTION_SCHEMES[plan.advection]
+            if halo:
+                self._advection = PeriodicAdvection(launcher, scheme, sides, halo, self._boundary)
+            else:
+                self._advection = scheme(launcher, shape, sides, self._boundary)
             self._measures = Measures(launcher, shape)
         if self._has("fit_active_box"):
             self._density, self._heat = _typical(plan)
@@ -150,9 +157,9 @@ class SmokeSolver:
             self._project_pressure()
         self._emit(time, time, 0.0)
         if self.solids:
-            self._boundary.empty(self.state.density, 0.0)
+            empty_solids(self._launcher, self.solids, self.state.density, 0.0)
             if self.state.temperature:
-                self._boundary.empty(self.state.temperature, self._domain.ambient_temperature)
+                empty_solids(self._launcher, self.solids, self.state.temperature, self._domain.ambient_temperature)
 
     def advance(self, start: float, end: float, seconds: float) -> StepReport:
         """Advances the smoke in as many steps as the Courant number calls for.
@@ -383,13 +390,11 @@ class SmokeSolver:
         domain, state, advection, timings = self._domain, self.state, self._advection, self._timings
         speed, energy = self._motion("project_pressure")
         courant, wind = speed * dt / self._lattice.h, self._wind
-        parts = max(1, ceil(min(courant / domain.max_courant, _MAX_STEPS) * (1.0 - _ROUND_OFF)))
+        limit = min(domain.max_courant, MOST_COURANT) if "periodic" in self._lattice.sides else domain.max_courant
+        parts = max(1, ceil(min(courant / limit, _MAX_STEPS) * (1.0 - _ROUND_OFF)))
         self._fit_active_box(courant)
         with timings.measure("advect_velocity"):
-            if self._boundary:
-                self._boundary.follow(courant / parts)
-                self._boundary.extend(state.velocity)
-            advection.trace(state.velocity, dt / parts / self._lattice.h)
+            advection.trace(state.velocity, dt / parts / self._lattice.h, courant / parts)
         for _ in range(parts):
             with timings.measure("advect_velocity"):
                 state.velocity = advection.advect_velocity(state.velocity, wind.velocity if wind else None)
@@ -421,7 +426,9 @@ class SmokeSolver:
             if self._has("advect_temperature"):
                 heat = measures.departed(state.temperature, self._domain.ambient_temperature, self._heat)
                 smoke = hull((smoke, heat))
-            self._advection.activate(*fit_boxes(smoke, fast, courant, self._lattice.shape))
+            lattice = self._lattice
+            periodic = tuple(side == "periodic" for side in lattice.sides[0::2])
+            self._advection.activate(*fit_boxes(smoke, fast, courant, lattice.shape, periodic))
 
     def _dissipate(self, dt: float) -> None:
         domain, state = self._domain, self.state

@@ -14,7 +14,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def _trace_back(
+def trace_by_midpoint(
     rows: Rows,
     block: Block,
     u: wp.array3d[float],
@@ -118,27 +118,6 @@ def trace_limits(shape: tuple[int, int, int], sides: tuple[str, ...]) -> tuple[w
     return wp.vec3(*lower), wp.vec3(*upper)
 
 
-def trace_back(
-    launcher: Launcher,
-    cells: Patch,
-    velocity: tuple,
-    step: float,
-    limits: tuple[wp.vec3, wp.vec3],
-    displacement: tuple,
-) -> None:
-    """Traces from each cell's centre to where its smoke was one step ago.
-
-    Args:
-        launcher: where it runs.
-        cells: those to trace from.
-        velocity: u, v, w on faces [m/s].
-        step: dt / h [s/m].
-        limits: where traces end, see `trace_limits`.
-        displacement: along x, y, z, each [nx, ny, nz] [cells], written.
-    """
-    launcher.launch(_trace_back, *cells, *velocity, step, *limits, *displacement)
-
-
 def trace_ahead(
     launcher: Launcher,
     cells: Patch,
@@ -156,7 +135,7 @@ def trace_ahead(
         velocity: u, v, w on faces [m/s].
         step: dt / h [s/m].
         limits: where traces end, see `trace_limits`.
-        backwards: what `trace_back` made of the same velocity.
+        backwards: what `runge_kutta.trace_back` made of the same velocity.
         displacement: along x, y, z, each [nx, ny, nz] [cells], written.
     """
     launcher.launch(_trace_ahead, *cells, *velocity, step, *limits, *backwards, *displacement)
