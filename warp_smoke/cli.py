@@ -29,6 +29,7 @@ app = App(
     version=lambda: warp_smoke.__version__,
     help_format="rich",
     default_parameter=Parameter(negative=()),
+    suppress_keyboard_interrupt=False,
 )
 _out, _err = Console(), Console(stderr=True)
 
