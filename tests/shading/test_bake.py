@@ -222,7 +222,7 @@ def test_nothing_is_made_that_is_not_asked_for(device):
         assert (launcher.launches["_shade_light"] == 0) == (bakes == ["visibility"])
     n = SIZE * SIZE
     assert sizes["shadowed"] - sizes["lit"] == 4 * n
-    assert sizes["lit"] - sizes["visibility"] == 2 * 12 * n - 2 * 4 * n  # radiance, lit; weights, shares
+    assert sizes["lit"] - sizes["visibility"] == 2 * 12 * n - 2 * 4 * n + 2 * n  # radiance, lit; weights, shares; codes
 
 
 def test_no_camera(launcher):

@@ -8,7 +8,8 @@ from warp_smoke.geometry import Mesh
 from warp_smoke.launch import Launcher
 from warp_smoke.record import Samples
 from warp_smoke.scene import Receiver, Surface
-from warp_smoke.shading.texels import DILATION, TexelMap, spread_texels
+from warp_smoke.shading.texel_picture import DILATION, spread_texels
+from warp_smoke.shading.texels import TexelMap
 
 ORIGIN = np.zeros(3)
 

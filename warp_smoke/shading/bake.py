@@ -17,22 +17,21 @@ from collections.abc import Collection, Sequence
 import numpy as np
 import warp as wp
 
-from warp_smoke.launch import Launcher, Rows
+from warp_smoke.launch import Launcher
 from warp_smoke.scene import Camera, Light, Material, Surface
+from warp_smoke.shading.compose import Shares, add_lights, average_transmittance, average_visibility, make_shares
 from warp_smoke.shading.light_source import light_source
 from warp_smoke.shading.looks import make_looks, without_pictures, without_relief
 from warp_smoke.shading.normal_map import pack_channels
 from warp_smoke.shading.radiance import shade_irradiance, shade_light, weigh_light
 from warp_smoke.shading.surface_points import SurfacePoints, allocate_detail, look_up_detail
+from warp_smoke.shading.texel_picture import TexelPicture
 from warp_smoke.shading.texels import TexelMap
 from warp_smoke.shading.vertices import VertexMap
 from warp_smoke.uv_fit import BAKE_UVS
 
-wp.set_module_options({"enable_backward": False})
-
 # Charts beside each other may share so many of their texels when coordinates are brought into [0, 1].
 _OVERLAP_OF_ROUNDING = 0.01
-_LUMINANCE = wp.constant(wp.vec3(0.2126, 0.7152, 0.0722))  # of linear Rec. 709 RGB
 
 
 class ReceiverBake:
@@ -46,6 +45,7 @@ class ReceiverBake:
         visibility: by path of light, [n] float32, the share that surfaces let through; 1 until written.
         transmittance: by path of light, [1, n] float32, the share that smoke lets through, or [3, n] for red, green
             and blue where the smoke is coloured; 1 until written.
+        smoke_points: the points that these are of, [n] vec3; fewer after `limit_smoke`.
         warnings: what could not be done as asked.
     """
 
@@ -110,10 +110,17 @@ class ReceiverBake:
             self._weights = launcher.zeros(by_light, "bake")
             self._shares = launcher.zeros(count, "bake")
         self._ambient = wp.vec3(*ambient)
-        self._visibility, self._visibility_row, visibility = self._shares_by_light(shadowed)
-        self.visibility = {path: rows[0] for path, rows in visibility.items()}
-        args = (smoke_shadowed, color_shadowed)
-        self._transmittance, self._transmittance_row, self.transmittance = self._shares_by_light(*args)
+        shadows = [int(light.path in shadowed) for light in self._lights]
+        self._visibility, self.visibility = self._make_shares(shadows, count)
+        self.visibility = {path: rows[0] for path, rows in self.visibility.items()}
+        self._channels = [
+            0 if light.path not in smoke_shadowed else 3 if light.path in color_shadowed else 1
+            for light in self._lights
+        ]
+        self._transmittance, self.transmittance = self._make_shares(self._channels, count)
+        self._seen = launcher.array(np.arange(count, dtype=np.int32), "bake")
+        self._part: _Part | None = None
+        self.smoke_points = self.map.points
         self.warnings = warnings
 
     def _surface_points(self, materials: Sequence[Material]) -> SurfacePoints:
@@ -125,23 +132,10 @@ class ReceiverBake:
         points.material = self._launcher.array(self.map.material, "bake")
         return points
 
-    def _shares_by_light(
-        self, paths: Collection[str], colored: Collection[str] = ()
-    ) -> tuple[wp.array, wp.array, dict[str, wp.array]]:
-        """Ones for the lights named, one row or three, [rows, n], the rows of each light or −1, and views by path."""
-        rows, count = [], 0
-        for light in self._lights:
-            channels = 0 if light.path not in paths else 3 if light.path in colored else 1
-            rows.append(count + np.arange(3) % channels if channels else np.full(3, -1))
-            count += channels
-        shares = self._launcher.array(np.ones((count, max(self.map.count, 1)), np.float32), "bake")
-        views = {
-            light.path: shares[int(row[0]) : int(row[2]) + 1]
-            for light, row in zip(self._lights, rows, strict=True)
-            if row[0] >= 0
-        }
-        rows = np.array(rows, np.int32).reshape(-1, 3)
-        return shares, self._launcher.array(rows, "bake", dtype=wp.vec3i), views
+    def _make_shares(self, channels: Sequence[int], count: int) -> tuple[Shares, dict[str, wp.array]]:
+        """Ones for each light with so many channels, and views of its rows by path."""
+        shares, views = make_shares(self._launcher, channels, count)
+        return shares, {light.path: view for light, view in zip(self._lights, views, strict=True) if view is not None}
 
     def update(self, time: float) -> None:
         """Brings points, normals and unshadowed light to a time code; computes only what changed."""
@@ -187,26 +181,89 @@ class ReceiverBake:
             asks for 16 bits and always for irradiance; first row at the top. From a `VertexMap` linear RGB or
             directions [n, 3], or shares [n], float32.
         """
-        surfaces = (self._visibility, self._visibility_row)
         if bake == "normal":
             return self.map.direction_picture(self._detail.normals)
-        if bake in ("lit", "irradiance"):
-            lights = (self._detail.unlit, self._radiance) if bake == "lit" else (self._ambient_light, self._irradiance)
-            args = (*lights, *surfaces, self._transmittance, self._transmittance_row, self._lit)
-            self._launcher.launch_each(_add_lights, self.map.count, *args)
-            if bake == "irradiance":
-                return self.map.linear_picture(self._lit)
-            codes = self.map.color_picture(self._lit)
-            if isinstance(self.map, TexelMap) and self._is_see_through:
-                return pack_channels(codes, self.map.share_picture(self._detail.opacity))
-            return codes
         if bake == "visibility":
-            args = (self._weights, *surfaces, self._shares)
-            self._launcher.launch_each(_average_visibility, self.map.count, *args)
+            average_visibility(self._launcher, self._weights, self._visibility, self._shares)
+            return self.map.share_picture(self._shares)
+        if self._part is None:
+            return self._whole(bake, self._transmittance)
+        part = self._part
+        if bake not in part.kept:
+            part.kept[bake] = self._whole(bake, part.unshadowed)
+        if len(part.places):
+            values = self._put_together(bake, part.points, self._transmittance)
+            encode = {"lit": part.picture.colors, "irradiance": part.picture.linear, "smokeShadow": part.picture.shares}
+            part.put(bake, encode[bake](values))
+        return part.kept[bake].copy()
+
+    def limit_smoke(self, reached: np.ndarray) -> None:
+        """Says that from here on nothing changes but the smoke, and whom that can reach.
+
+        The pictures are then put together anew there alone. Values at points are still put together everywhere.
+
+        Args:
+            reached: indices of the points that smoke may shadow, [k], ascending; `transmittance` and `smoke_points`
+                are of these from now on.
+        """
+        if isinstance(self.map, VertexMap):
+            return
+        self._part = _Part(self._launcher, self.map, reached, len(self._lights))
+        self._transmittance, self.transmittance = self._make_shares(self._channels, len(reached))
+        self.smoke_points = self._launcher.array(self.map.points.numpy()[reached], "bake", dtype=wp.vec3)
+
+    def _whole(self, bake: str, transmittance: Shares) -> np.ndarray:
+        """The whole of a picture that smoke shadows."""
+        values = self._put_together(bake, self._seen, transmittance)
+        if bake == "smokeShadow":
+            return self.map.share_picture(values)
+        if bake == "irradiance":
+            return self.map.linear_picture(values)
+        codes = self.map.color_picture(values)
+        if isinstance(self.map, TexelMap) and self._is_see_through:
+            return pack_channels(codes, self.map.share_picture(self._detail.opacity))
+        return codes
+
+    def _put_together(self, bake: str, points: wp.array, transmittance: Shares) -> wp.array:
+        """The values of a bake at some points, with the smoke's transmittance there."""
+        args = (self._visibility, transmittance)
+        if bake == "smokeShadow":
+            average_transmittance(self._launcher, points, self._weights, *args, self._shares)
+            return self._shares
+        lights = (self._detail.unlit, self._radiance) if bake == "lit" else (self._ambient_light, self._irradiance)
+        add_lights(self._launcher, points, *lights, *args, self._lit)
+        return self._lit
+
+
+class _Part:
+    """The texels that smoke may shadow, and whole pictures in which they are replaced.
+
+    Attributes:
+        points: their indices, [k].
+        picture: the places that show them.
+        places: which places of the whole picture these are, on the host.
+        unshadowed: no smoke, for the whole picture.
+        kept: the last picture of each bake.
+    """
+
+    def __init__(self, launcher: Launcher, texels: TexelMap, reached: np.ndarray, lights: int):
+        index = np.full(texels.count + 1, -1, np.int32)  # with one for places that show no texel
+        index[reached] = np.arange(len(reached))
+        shown = index[texels.picture.source]
+        self.places = np.flatnonzero(shown >= 0)
+        self.points = launcher.array(np.asarray(reached, np.int32), "bake")
+        self.picture = TexelPicture(launcher, shown[self.places], texels.picture.bits)
+        self.unshadowed, _ = make_shares(launcher, [0] * lights, 1)
+        self.kept: dict[str, np.ndarray] = {}
+
+    def put(self, bake: str, codes: np.ndarray) -> None:
+        """Replaces what the places show; alpha stays."""
+        whole = self.kept[bake]
+        flat = whole.reshape(-1, *whole.shape[2:])
+        if codes.ndim == 1:
+            flat[self.places] = codes
         else:
-            args = (self._weights, *surfaces, self._transmittance, self._transmittance_row, self._shares)
-            self._launcher.launch_each(_average_transmittance, self.map.count, *args)
-        return self.map.share_picture(self._shares)
+            flat[self.places, :3] = codes
 
 
 def map_surface(launcher: Launcher, surface: Surface, origin: np.ndarray) -> tuple[TexelMap | VertexMap, tuple]:
@@ -247,71 +304,3 @@ def usable_materials(surface: Surface, places: TexelMap | VertexMap) -> tuple[tu
             material = without_relief(material)
         usable.append(material)
     return tuple(usable), tuple(warnings)
-
-
-@wp.func
-def share_at(shares: wp.array2d[float], rows: wp.vec3i, s: int):
-    """The share of a light that is let through, for each of red, green and blue; all of it without rows."""
-    if rows[0] < 0:
-        return wp.vec3(1.0, 1.0, 1.0)
-    return wp.vec3(shares[rows[0], s], shares[rows[1], s], shares[rows[2], s])
-
-
-@wp.kernel
-def _add_lights(
-    rows: Rows,
-    unlit: wp.array[wp.vec3],
-    radiance: wp.array2d[wp.vec3],
-    visibility: wp.array2d[float],
-    visibility_row: wp.array[wp.vec3i],
-    transmittance: wp.array2d[float],
-    transmittance_row: wp.array[wp.vec3i],
-    lit_out: wp.array[wp.vec3],
-):
-    """lit[s] = unlit[s] + Σ V ⊗ T ⊗ radiance."""
-    s = rows.first + wp.tid()
-    lit = unlit[s]
-    for light in range(radiance.shape[0]):
-        v = share_at(visibility, visibility_row[light], s)
-        lit += wp.cw_mul(wp.cw_mul(v, share_at(transmittance, transmittance_row[light], s)), radiance[light, s])
-    lit_out[s] = lit
-
-
-@wp.kernel
-def _average_visibility(
-    rows: Rows,
-    weights: wp.array2d[float],
-    visibility: wp.array2d[float],
-    visibility_row: wp.array[wp.vec3i],
-    shares_out: wp.array[float],
-):
-    """shares[s] = Σ w V / Σ w, or 1."""
-    s = rows.first + wp.tid()
-    total = wp.float32(0.0)  # a literal could not change in the loop
-    passed = wp.float32(0.0)
-    for light in range(weights.shape[0]):
-        w = weights[light, s]
-        total += w
-        passed += w * share_at(visibility, visibility_row[light], s)[0]
-    shares_out[s] = wp.where(total > 0.0, passed / total, 1.0)
-
-
-@wp.kernel
-def _average_transmittance(
-    rows: Rows,
-    weights: wp.array2d[float],
-    visibility: wp.array2d[float],
-    visibility_row: wp.array[wp.vec3i],
-    transmittance: wp.array2d[float],
-    transmittance_row: wp.array[wp.vec3i],
-    shares_out: wp.array[float],
-):
-    """shares[s] = Σ w V T / Σ w V, or 1."""
-    s = rows.first + wp.tid()
-    total = wp.float32(0.0)  # a literal could not change in the loop
-    passed = wp.float32(0.0)
-    for light in range(weights.shape[0]):
-        w = weights[light, s] * share_at(visibility, visibility_row[light], s)[0]
-        total += w
-        passed += w * wp.dot(_LUMINANCE, share_at(transmittance, transmittance_row[light], s))
-    shares_out[s] = wp.where(total > 0.0, passed / total, 1.0)

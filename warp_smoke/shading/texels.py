@@ -1,19 +1,16 @@
-"""The texels of a receiver's texture as points on its surface, and pictures made of values at these points."""
+"""The texels of a receiver's texture as points on its surface."""
 
 import numpy as np
 import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.scene import Surface
-from warp_smoke.shading.normal_map import encode_normals
 from warp_smoke.shading.placement import Placement, place_normals, place_points
-from warp_smoke.shading.srgb import SrgbTable, encode_srgb, make_srgb_table
 from warp_smoke.shading.tangents import corner_tangents
+from warp_smoke.shading.texel_picture import TexelPicture, spread_texels
 from warp_smoke.shading.uv_raster import cover_texels
 
 wp.set_module_options({"enable_backward": False})
-
-DILATION = 4  # texels that a chart grows, so that filtered lookups at its border do not see the background
 
 
 class TexelMap:
@@ -31,6 +28,7 @@ class TexelMap:
         tangents: and signs, [n] vec4 (see `tangents`); one element if none of the surface's materials needs them.
         uvs: the surface's own texture coordinates, [n, 2] float32 on the host.
         material: index into the surface's materials, [n] int32 on the host.
+        picture: the places of its picture.
         overlapping: texels that several triangles share; they show the first.
     """
 
@@ -56,12 +54,8 @@ class TexelMap:
         self._needs_tangents = any(material.needs_tangents for material in surface.materials)
         self._corner_tangents = launcher.zeros((self._rows(len(mesh.triangles)), 3), "bake", dtype=wp.vec4)
         self.tangents = launcher.zeros(self._rows(self.count), "bake", dtype=wp.vec4)
-        self._source = launcher.array(spread_texels(coverage.texel, self.size), "bake")
-        self._srgb = make_srgb_table(launcher)
-        self._color_codes = launcher.zeros((self.size**2, 3), "bake", dtype=wp.uint8)
-        self._share_codes = launcher.zeros(self.size**2, "bake", dtype=wp.uint8)
-        self._bits = surface.receiver.texture_bits
-        self._deep_codes = None
+        source = spread_texels(coverage.texel, self.size)
+        self.picture = TexelPicture(launcher, source, surface.receiver.texture_bits)
 
     def _rows(self, count: int) -> int:
         return count if self._needs_tangents else 1
@@ -84,60 +78,22 @@ class TexelMap:
 
     def color_picture(self, colors: wp.array) -> np.ndarray:
         """Linear RGB of each texel, [n] vec3, as an sRGB picture, [size, size, 3]; black where no surface is."""
-        if self._bits == 16:
-            return self._deep_picture(colors, srgb=True)
-        args = (self._source, colors, self._srgb, self._color_codes)
-        self._launcher.launch_each(_encode_colors, self.size**2, *args)
-        return self._color_codes.numpy().reshape(self.size, self.size, 3).copy()
+        return self._squared(self.picture.colors(colors))
 
     def linear_picture(self, colors: wp.array) -> np.ndarray:
         """Linear RGB of each texel, [n] vec3, as a raw picture, [size, size, 3] uint16; black where no surface is."""
-        return self._deep_picture(colors, srgb=False)
-
-    def _deep_picture(self, colors: wp.array, srgb: bool) -> np.ndarray:
-        if self._deep_codes is None:
-            self._deep_codes = self._launcher.zeros((self.size**2, 3), "bake", dtype=wp.uint16)
-        args = (self._source, colors, int(srgb), self._deep_codes)
-        self._launcher.launch_each(_encode_deep, self.size**2, *args)
-        return self._deep_codes.numpy().reshape(self.size, self.size, 3).copy()
+        return self._squared(self.picture.linear(colors))
 
     def direction_picture(self, directions: wp.array) -> np.ndarray:
         """Unit vectors of each texel, [n] vec3, as codes of ½ (n + 1), [size, size, 3]; 0 without a surface."""
-        found = self._source.numpy().reshape(self.size, self.size)
-        pixels = encode_normals(directions.numpy(), self._bits)[np.maximum(found, 0)]
-        pixels[found < 0] = 0
-        return pixels
+        return self._squared(self.picture.directions(directions))
 
     def share_picture(self, shares: wp.array) -> np.ndarray:
         """Shares 0…1 of each texel, [n] float, as a raw picture, [size, size]; 0 where no surface is."""
-        if self._bits == 16:
-            found = self._source.numpy().reshape(self.size, self.size)
-            codes = np.rint(65535.0 * np.clip(shares.numpy(), 0.0, 1.0)).astype(np.uint16)
-            return np.where(found >= 0, codes[found], np.uint16(0))
-        args = (self._source, shares, self._share_codes)
-        self._launcher.launch_each(_encode_shares, self.size**2, *args)
-        return self._share_codes.numpy().reshape(self.size, self.size).copy()
+        return self._squared(self.picture.shares(shares))
 
-
-def spread_texels(texel: np.ndarray, size: int) -> np.ndarray:
-    """Which of the texels each place of a picture shows, [size²] int32: −1 where none is within `DILATION` places.
-
-    Args:
-        texel: row · size + column of each texel, [n].
-        size: texels along a side.
-    """
-    source = np.full((size + 2, size + 2), -1, np.int32)  # with a frame, which stays empty
-    inner = source[1:-1, 1:-1]
-    inner.flat[texel] = np.arange(len(texel), dtype=np.int32)
-    for _ in range(DILATION):
-        before = source.copy()
-        # Side by side first, so that a place takes the nearer neighbour.
-        for row, column in ((0, 1), (1, 0), (1, 2), (2, 1), (0, 0), (0, 2), (2, 0), (2, 2)):
-            empty = inner < 0
-            if not empty.any():
-                return inner.ravel()
-            inner[empty] = before[row : row + size, column : column + size][empty]
-    return inner.ravel()
+    def _squared(self, codes: np.ndarray) -> np.ndarray:
+        return codes.reshape(self.size, self.size, *codes.shape[1:]).copy()
 
 
 @wp.kernel
@@ -176,48 +132,3 @@ def _place_tangents(
     w = weights[s]
     t = corner_tangents[i, 0]
     tangents_out[s] = t + w[0] * (corner_tangents[i, 1] - t) + w[1] * (corner_tangents[i, 2] - t)
-
-
-@wp.kernel
-def _encode_deep(
-    rows: Rows, source: wp.array[int], colors: wp.array[wp.vec3], srgb: int, codes_out: wp.array2d[wp.uint16]
-):
-    """codes[p] = round(65535 colors[source[p]]), or of their sRGB values, or 0 without a source."""
-    p = rows.first + wp.tid()
-    s = source[p]
-    for channel in range(3):
-        value = wp.float32(0.0)
-        if s >= 0 and colors[s][channel] > 0.0:  # not so for NaN
-            value = wp.min(colors[s][channel], 1.0)
-        if srgb > 0:
-            value = wp.where(value <= 0.0031308, 12.92 * value, 1.055 * wp.pow(value, 1.0 / 2.4) - 0.055)
-        codes_out[p, channel] = wp.uint16(int(65535.0 * value + 0.5))
-
-
-@wp.kernel
-def _encode_colors(
-    rows: Rows,
-    source: wp.array[int],
-    colors: wp.array[wp.vec3],
-    srgb: SrgbTable,
-    codes_out: wp.array2d[wp.uint8],
-):
-    """codes[p] = sRGB(colors[source[p]]), or 0 without a source."""
-    p = rows.first + wp.tid()
-    s = source[p]
-    color = wp.vec3(0.0)
-    if s >= 0:
-        color = colors[s]
-    for channel in range(3):
-        codes_out[p, channel] = wp.uint8(encode_srgb(srgb, color[channel]))
-
-
-@wp.kernel
-def _encode_shares(rows: Rows, source: wp.array[int], shares: wp.array[float], codes_out: wp.array[wp.uint8]):
-    """codes[p] = round(255 shares[source[p]]), or 0 without a source."""
-    p = rows.first + wp.tid()
-    s = source[p]
-    share = 0.0
-    if s >= 0 and shares[s] > 0.0:  # not so for NaN
-        share = wp.min(shares[s], 1.0)
-    codes_out[p] = wp.uint8(int(255.0 * share + 0.5))
