@@ -57,7 +57,7 @@ def read_scene(path: str | Path) -> Scene:
         try:
             scene = read_stage(Usd.Stage.Open(str(path)), str(path))
         except Tf.ErrorException as error:  # also while values are read, from a file that is damaged
-            raise ValueError(f"{path}: not a USD stage: {_message(error.args[0])}") from None
+            raise ValueError(f"{path}: not a USD stage: {usd_message(error.args[0])}") from None
         except UnicodeDecodeError:
             raise ValueError(f"{path}: not a USD stage: its names are not UTF-8") from None
     return replace(scene, source=Path(path).resolve())
@@ -80,13 +80,13 @@ def read_stage(stage: Usd.Stage, file: str) -> Scene:
     composition_errors = stage.GetCompositionErrors()
     for error in composition_errors:
         if isinstance(error, MISSING):
-            raise ValueError(f"{file}: {error.rootSite.path}: {_message(error)}")
+            raise ValueError(f"{file}: {error.rootSite.path}: {usd_message(error)}")
     if not stage.GetDefaultPrim():
         raise bad_input(file, "/", "defaultPrim", "unset", "the name of a root prim")
     settings = _read_settings(stage, file)
     reader = StageReader(file, settings.start)
     for error in composition_errors:
-        reader.warn(stage.GetPrimAtPath(error.rootSite.path) or stage.GetPseudoRoot(), _message(error))
+        reader.warn(stage.GetPrimAtPath(error.rootSite.path) or stage.GetPseudoRoot(), usd_message(error))
     contents = _Contents(reader)
     for prim in _prims(stage):
         contents.add(reader, prim)
@@ -251,7 +251,7 @@ def _whole(time: float) -> float | int:
     return int(time) if float(time).is_integer() else time
 
 
-def _message(error: Tf.Error | Pcp.ErrorBase) -> str:
+def usd_message(error: Tf.Error | Pcp.ErrorBase) -> str:
     """What USD says of an error, in one line; it may quote bytes that are no text."""
     try:
         text = error.commentary if isinstance(error, Tf.Error) else str(error)

@@ -7,7 +7,7 @@ from pathlib import Path
 from pxr import Tf, Usd, UsdUtils, UsdValidation
 
 from warp_smoke.usd.checks import Problem, check_stage
-from warp_smoke.usd.read import read_stage
+from warp_smoke.usd.read import read_stage, usd_message
 from warp_smoke.usd.schema import register_schema
 from warp_smoke.usd.write import find_stage
 
@@ -34,9 +34,11 @@ def validate_stage(path: str | Path) -> list[Problem]:
     quiet = UsdUtils.CoalescingDiagnosticDelegate()  # what USD would print stands in the list
     try:
         stage = Usd.Stage.Open(str(path))
-    except Tf.ErrorException as error:
-        return [Problem("error", str(path), " ".join(str(error).split()), "usd")]
-    problems = [*_ask_usd(stage), *_ask_nvidia(path), *check_stage(stage), *_ask_reader(stage, path)]
+        problems = [*_ask_usd(stage), *_ask_nvidia(path), *check_stage(stage), *_ask_reader(stage, path)]
+    except Tf.ErrorException as error:  # also while values are read, from a file that is damaged
+        return [Problem("error", str(path), usd_message(error.args[0]), "usd")]
+    except UnicodeDecodeError:
+        return [Problem("error", str(path), "its names are not UTF-8", "usd")]
     del quiet
     return sorted(dict.fromkeys(problems), key=lambda problem: _ORDER.index(problem.severity))
 

@@ -1,0 +1,99 @@
+"""Fuzzed scenes: whatever the records allow runs and stays finite; whatever they do not is refused in one line."""
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from arbitrary import ALLOWED, RECORDS, scenes
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import warp_smoke as ws
+from warp_smoke.fluid import solver
+from warp_smoke.record import FieldError
+from warp_smoke.simulation import Simulation
+
+quick = settings(deadline=None, suppress_health_check=list(HealthCheck), max_examples=150)
+long = settings(quick, max_examples=2000)
+
+
+@pytest.fixture(autouse=True)
+def few_steps(monkeypatch):
+    """Frames of at most four steps, so that the fastest air takes no longer than the rest."""
+    monkeypatch.setattr(solver, "_MAX_STEPS", 4)
+
+
+def check_finite(frame: ws.Frame) -> None:
+    """Everything in a frame is finite, and no smoke is negative."""
+    for path, smoke in frame.smoke.items():
+        for name in ("density", "temperature", "velocity", "light"):
+            values = getattr(smoke, name)
+            assert values is None or np.all(np.isfinite(values)), f"{path}: {name}"
+        assert smoke.density is None or smoke.density.min(initial=0.0) >= 0.0, path
+    for key, picture in frame.pictures.items():
+        assert np.all(np.isfinite(picture)), key
+
+
+def refusal(make: Callable[[], object]) -> FieldError | None:
+    """The error that a call raises, or None."""
+    try:
+        make()
+    except FieldError as error:
+        return error
+    return None
+
+
+def simulate(scene: ws.Scene) -> None:
+    """Runs two frames, unless the plan names two choices that exclude each other."""
+    refused = refusal(lambda: ws.make_plan(scene))
+    if refused:
+        assert (refused.field.partition("_")[2], refused.value) == ("solver", "spectral")
+        return
+    simulation = Simulation(scene, threads=1)
+    for _ in scene.frames:
+        check_finite(simulation.step())
+
+
+@given(scenes())
+@quick
+def test_any_allowed_scene_is_finite(scene):
+    """150 scenes with numbers from 1e-9 to 1e6 anywhere, 10 to 1e8 units away too: finite, no negative smoke."""
+    simulate(scene)
+
+
+@pytest.mark.slow
+@given(scenes())
+@long
+def test_any_allowed_scene_is_finite_at_length(scene):
+    """2000 of them."""
+    simulate(scene)
+
+
+@pytest.mark.parametrize("record", ALLOWED, ids=lambda record: record.__name__)
+def test_every_field_is_fuzzed(record):
+    """No field of a record is forgotten."""
+    elsewhere = {"path", "given", "source", "warnings", "start", "end", "camera", "mesh", "receiver", "subsets"}
+    elsewhere |= {"domains", "emitters", "colliders", "surfaces", "lights", "instancer", "holds_bakes"}
+    assert {field.name for field in fields(record)} - elsewhere <= set(ALLOWED[record])
+
+
+_bad = st.sampled_from(
+    [float("nan"), float("inf"), -float("inf"), 1e300, -1e300, "word", "", b"x", None, (), (1.0,), {}, object()]
+)
+_bad |= st.just(np.full((4, 4), np.nan)) | st.just(np.zeros((2, 2))) | st.lists(st.floats() | st.text(), max_size=5)
+_bad |= _bad.map(lambda value: ws.Samples([1.0, 2.0], [value, value]) if isinstance(value, float) else value)
+
+
+@given(st.sampled_from(RECORDS), st.data())
+@settings(quick, max_examples=400)
+def test_any_value_is_taken_or_refused(record, data):
+    """400 records with one field set to anything: taken, or refused by one line that names record and field."""
+    name = data.draw(st.sampled_from(sorted(set(ALLOWED[type(record)]) - {"mesh", "material"})))
+    value = data.draw(_bad)
+    refused = refusal(lambda: replace(record, **{name: value}))
+    if refused:
+        line = str(refused)
+        assert "\n" not in line
+        assert line.startswith(f"{getattr(record, 'path', 'scene')}: ")
+        assert "; allowed: " in line

@@ -1,0 +1,96 @@
+"""Fuzzed stages: attributes of smoke, UsdGeom, UsdLux and UsdShade set to anything, blocked, or of another type."""
+
+import warnings
+from dataclasses import replace
+
+import pytest
+from arbitrary_stage import changes, open_stage
+from hypothesis import HealthCheck, given, settings
+from pxr import Tf
+
+import warp_smoke as ws
+from warp_smoke.fluid import solver
+from warp_smoke.simulation import Simulation
+
+quick = settings(deadline=None, suppress_health_check=list(HealthCheck), max_examples=80)
+long = settings(quick, max_examples=600)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    """Where the stages go, one over the other."""
+    return tmp_path_factory.mktemp("stage") / "any.usda"
+
+
+def read(file, changed) -> ws.Scene | None:
+    """The scene of a stage after some changes; None if it is refused, in one line that names the file."""
+    stage = open_stage()
+    for change in changed:
+        try:
+            change(stage)
+        except Tf.ErrorException:  # USD itself takes no such value
+            continue
+    stage.GetRootLayer().Export(str(file))
+    try:
+        return ws.Scene.open(file)
+    except ValueError as error:
+        line = str(error)
+    assert "\n" not in line
+    assert line.startswith(f"{file}: ")
+    return None
+
+
+def small(scene: ws.Scene) -> ws.Scene:
+    """The scene with fewer cells, texels and frames."""
+    lights = [
+        replace(
+            light,
+            shadow_map_size=min(light.shadow_map_size, 8),
+            smoke_shadow_size=light.smoke_shadow_size and min(light.smoke_shadow_size, 8),
+            smoke_sweeps=light.smoke_sweeps and min(light.smoke_sweeps, 8),
+        )
+        for light in scene.lights
+    ]
+    surfaces = [
+        replace(each, receiver=each.receiver and replace(each.receiver, texture_size=4)) for each in scene.surfaces
+    ]
+    domains = [replace(each, resolution=min(each.resolution, 5)) for each in scene.domains]
+    return replace(scene, lights=lights, surfaces=surfaces, domains=domains, end=scene.start + 1)
+
+
+@given(changes)
+@quick
+def test_any_attribute_is_read_or_refused(file, changed):
+    """80 stages with one to four attributes set to anything: planned, or refused in one line that names the file."""
+    scene = read(file, changed)
+    if scene is None:
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            ws.make_plan(scene)
+        except ValueError as error:
+            line = str(error)
+            assert "solver is spectral" in line
+    assert all("\n" not in warning for warning in scene.warnings)
+
+
+@pytest.mark.slow
+@given(changes)
+@long
+def test_any_attribute_gives_a_finite_frame_or_is_refused(file, changed):
+    """600 of them, simulated: a finite frame, or the line of whoever refuses it."""
+    scene = read(file, changed)
+    if scene is None:
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solver, "_MAX_STEPS", 4)
+        try:
+            simulation = Simulation(small(scene), threads=1)
+            for _ in range(2):
+                frame = simulation.step()
+        except (ValueError, FloatingPointError) as error:
+            assert "\n" not in str(error)  # noqa: PT017
+            return
+    for smoke in frame.smoke.values():
+        assert smoke.density is None or smoke.density.min(initial=0.0) >= 0.0
