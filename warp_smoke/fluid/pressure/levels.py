@@ -17,6 +17,9 @@ from warp_smoke.launch import Launcher, Rows
 
 wp.set_module_options({"enable_backward": False})
 
+# So many cells beside walls, as a share of a slice through the box, hardly matter to a preconditioner: a ball, which
+# crosses a face here and there without filling half of a cell beside it, needs no weights then.
+_FEW_WALLS = 0.01
 # Levels with no more cells than this are solved directly.
 FEW_CELLS = 128
 _UNITS = np.eye(3, dtype=int)
@@ -133,6 +136,32 @@ def _mark_walls(
 
 
 @wp.kernel
+def _open_walls(
+    rows: Rows,
+    inverse: wp.array3d[float],
+    wx_inout: wp.array3d[float],
+    wy_inout: wp.array3d[float],
+    wz_inout: wp.array3d[float],
+):
+    """Sets w = 1 on walls."""
+    i, j, c = wp.tid()
+    x = i + rows.first + 1
+    y = j + 1
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, inverse.shape[2] - 3)
+    while k < end:
+        z = k + 1
+        m = inverse[x, y, z]
+        if _is_wall(wx_inout[x, y, z], m, inverse[x - 1, y, z]):
+            wx_inout[x, y, z] = 1.0
+        if _is_wall(wy_inout[x, y, z], m, inverse[x, y - 1, z]):
+            wy_inout[x, y, z] = 1.0
+        if _is_wall(wz_inout[x, y, z], m, inverse[x, y, z - 1]):
+            wz_inout[x, y, z] = 1.0
+        k += 1
+
+
+@wp.kernel
 def _mark_split(
     rows: Rows,
     wx: wp.array3d[float],
@@ -237,15 +266,20 @@ class GridLevels:
         return tuple(self._zeros(cells) for _ in range(3))
 
     def prepare(self, operator: FaceWeights) -> None:
-        """Takes in which faces are open: each wholly or not at all."""
+        """Takes in which faces are open: each wholly or not at all. A few walls are taken as open."""
         finest = self.levels[0]
         # Without walls the finest level needs its weights only here: they borrow its work arrays.
         borrowed = (finest.source, finest.e, finest.other)
         weights = self._finest_weights or borrowed
         self._copy_weights(operator, weights)
         self._launcher.launch(_invert_diagonal, finest.shape, *weights, finest.inverse)
-        walls = self._mark(_mark_walls, finest._replace(weights=weights), finest.shape) > 0
-        needed = walls or len(self.levels) == 1  # the direct solver reads them
+        walls = self._mark(_mark_walls, finest._replace(weights=weights), finest.shape)
+        direct = len(self.levels) == 1
+        few = walls <= _FEW_WALLS * prod(finest.shape) ** (2 / 3)
+        if walls and few and not direct:
+            self._launcher.launch(_open_walls, finest.shape, finest.inverse, *weights)
+            self._launcher.launch(_invert_diagonal, finest.shape, *weights, finest.inverse)
+        needed = direct or not few  # the direct solver reads them
         if needed and self._finest_weights is None:
             weights = self._finest_weights = self._faces(finest.shape)
             self._copy_weights(operator, weights)
