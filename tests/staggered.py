@@ -9,7 +9,15 @@ from warp_smoke.lattice import Lattice
 
 PAIRS = list(product(("open", "closed"), repeat=2))
 ALL_SIDES = [sum(pairs, ()) for pairs in product(PAIRS, repeat=3)]
+# The same with every mix of axes that are periodic.
+PERIODIC_SIDES = [
+    sides
+    for sides in (sum(pairs, ()) for pairs in product([*PAIRS, ("periodic",) * 2], repeat=3))
+    if "periodic" in sides
+]
 CLOSED = ("closed",) * 6
+PERIODIC = ("periodic",) * 6
+SLAB = ("periodic", "periodic", "closed", "open", "periodic", "periodic")
 OPEN = ("open",) * 6
 MIXED = ("closed", "open", "open", "closed", "closed", "open")
 
@@ -31,10 +39,17 @@ def face_shapes(shape):
     return [tuple(n + (a == axis) for a, n in enumerate(shape)) for axis in range(3)]
 
 
-def random_velocity(launcher, shape, seed=0):
-    """Normally distributed u, v and w on the device."""
+def random_velocity(launcher, shape, seed=0, sides=OPEN):
+    """Normally distributed u, v and w on the device; both copies of faces on periodic sides are the same."""
     rng = np.random.default_rng(seed)
-    return tuple(launcher.array(rng.standard_normal(s).astype(np.float32), "test") for s in face_shapes(shape))
+    components = []
+    for axis, faces in enumerate(face_shapes(shape)):
+        component = rng.standard_normal(faces).astype(np.float32)
+        if sides[2 * axis] == "periodic":
+            along = np.moveaxis(component, axis, 0)
+            along[-1] = along[0]
+        components.append(launcher.array(component, "test"))
+    return tuple(components)
 
 
 def no_velocity(launcher, shape):
@@ -54,6 +69,11 @@ def laplacian_matrix(shares, sides):
         rows += [a, b, a, b]
         columns += [b, a, a, b]
         values += [w, w, -w, -w]
+        if sides[2 * axis] == "periodic":
+            a, b, w = index[-1].ravel(), index[0].ravel(), share[0].ravel()
+            rows += [a, b, a, b]
+            columns += [b, a, a, b]
+            values += [w, w, -w, -w]
         for end in (0, -1):
             if sides[2 * axis - end] == "open":
                 rows.append(index[end].ravel())
@@ -64,12 +84,15 @@ def laplacian_matrix(shares, sides):
 
 
 def open_shares(fluid, sides):
-    """wx, wy, wz of a mask of fluid: 1 between cells of fluid and on open sides, else 0."""
+    """wx, wy, wz of a mask of fluid: 1 between cells of fluid, across periodic sides too, and on open sides, else 0."""
     shares = []
     for axis in range(3):
         mask = np.moveaxis(fluid, axis, 0)
         share = np.concatenate([mask[:1], mask[1:] * mask[:-1], mask[-1:]])
         for end in (0, -1):
-            share[end] *= sides[2 * axis - end] == "open"
+            if sides[2 * axis] == "periodic":
+                share[end] = mask[0] * mask[-1]
+            else:
+                share[end] *= sides[2 * axis - end] == "open"
         shares.append(np.ascontiguousarray(np.moveaxis(share, 0, axis), np.float32))
     return shares

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from staggered import ALL_SIDES, face_shapes, laplacian_matrix, no_velocity, random_velocity
+from staggered import ALL_SIDES, PERIODIC_SIDES, face_shapes, laplacian_matrix, no_velocity, random_velocity
 
 from warp_smoke.fluid.operators import (
     close_sides,
@@ -19,7 +19,7 @@ SHAPES = [(4, 5, 6), (1, 3, 2), (5, 1, 1), (1, 1, 1)]
 
 
 def face_weights(shape, sides):
-    """Share of a cell's length that belongs to each face: ½ on the sides, where the faces beyond are missing."""
+    """Share of a cell's length that belongs to each face: ½ on the sides, whose faces are at an end or stored twice."""
     weights = []
     for axis, faces in enumerate(face_shapes(shape)):
         weight = np.ones(faces)
@@ -42,10 +42,10 @@ def test_divergence_of_linear_field(launcher):
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_divergence_of_gradient_is_laplacian(launcher, shape):
-    """−divergence of what `subtract_gradient` takes off a velocity of 0 is L q, for all 64 mixes of sides."""
+    """−divergence of what `subtract_gradient` takes off a velocity of 0 is L q, for all 125 mixes of sides."""
     values = np.random.default_rng(1).standard_normal(shape).astype(np.float32)
     q, divergence = launcher.array(values, "test"), launcher.zeros(shape, "test")
-    for sides in ALL_SIDES:
+    for sides in ALL_SIDES + PERIODIC_SIDES:
         velocity = no_velocity(launcher, shape)
         subtract_gradient(launcher, q, sides, velocity)
         measure_divergence(launcher, velocity, divergence)
@@ -63,8 +63,8 @@ def test_gradient_is_adjoint_of_divergence(launcher, shape):
     """
     values = np.random.default_rng(2).standard_normal(shape).astype(np.float32)
     q, divergence = launcher.array(values, "test"), launcher.zeros(shape, "test")
-    for sides in ALL_SIDES:
-        velocity = random_velocity(launcher, shape)
+    for sides in ALL_SIDES + PERIODIC_SIDES:
+        velocity = random_velocity(launcher, shape, sides=sides)
         close_sides(launcher, sides, velocity)
         before = [u.numpy().astype(np.float64) for u in velocity]
         measure_divergence(launcher, velocity, divergence)
@@ -83,12 +83,15 @@ def test_weighted_gradient_is_adjoint_of_weighted_divergence(launcher):
     rng = np.random.default_rng(3)
     values = rng.standard_normal(shape).astype(np.float32)
     shares = [rng.random(s).astype(np.float32) for s in face_shapes(shape)]
+    for axis, share in enumerate(shares):  # faces on periodic sides are stored twice
+        ends = np.moveaxis(share, axis, 0)
+        ends[-1] = ends[0]
     wx, wy, wz = (launcher.array(w, "test") for w in shares)
     fluid = launcher.array(np.ones(shape, np.float32), "test")
     solids = SimpleNamespace(fluid=fluid, wx=wx, wy=wy, wz=wz)
     q, divergence = launcher.array(values, "test"), launcher.zeros(shape, "test")
-    for sides in ALL_SIDES:
-        velocity = random_velocity(launcher, shape)
+    for sides in ALL_SIDES + PERIODIC_SIDES:
+        velocity = random_velocity(launcher, shape, sides=sides)
         close_sides(launcher, sides, velocity)
         before = [u.numpy().copy() for u in velocity]
         flow = tuple(launcher.array(w * u, "test") for w, u in zip(shares, before, strict=True))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from staggered import ALL_SIDES, CLOSED, MIXED, OPEN, no_velocity, random_velocity
+from staggered import ALL_SIDES, CLOSED, MIXED, OPEN, PERIODIC, PERIODIC_SIDES, SLAB, no_velocity, random_velocity
 
 from warp_smoke.fluid.operators import close_sides, measure_divergence, subtract_gradient
 from warp_smoke.fluid.pressure.spectral import SpectralPressure
@@ -12,7 +12,9 @@ from warp_smoke.launch import Launcher
 def mode(n, m, lower, upper):
     """The m-th discrete eigenfunction between two sides at the centres of n cells, and its eigenvalue −λ of L."""
     x = (np.arange(n) + 0.5) / n
-    if lower == upper == "closed":
+    if lower == "periodic":
+        wave, values = 2 * m, np.cos(2 * np.pi * m * x + 1.0)
+    elif lower == upper == "closed":
         wave, values = m, np.cos(np.pi * m * x)
     elif lower == upper == "open":
         wave, values = m + 1, np.sin(np.pi * (m + 1) * x)
@@ -48,7 +50,7 @@ def project(launcher, solver, sides, velocity, divergence, pressure):
     return np.abs(divergence.numpy()).max() / before
 
 
-@pytest.mark.parametrize("sides", ALL_SIDES, ids="".join)
+@pytest.mark.parametrize("sides", ALL_SIDES + PERIODIC_SIDES, ids="-".join)
 def test_eigenmodes_are_exact(launcher, sides):
     """L q = λ q for the sines and cosines between any sides: the solver returns q from λ q, low and high modes."""
     shape = (5, 7, 6)
@@ -61,7 +63,7 @@ def test_eigenmodes_are_exact(launcher, sides):
         assert status.iterations == 1
 
 
-@pytest.mark.parametrize("sides", ALL_SIDES, ids="".join)
+@pytest.mark.parametrize("sides", ALL_SIDES + PERIODIC_SIDES, ids="-".join)
 def test_projection_removes_divergence(launcher, sides):
     """Random velocity is free of divergence after the projection, whatever the sides.
 
@@ -71,8 +73,12 @@ def test_projection_removes_divergence(launcher, sides):
     shape = (16, 15, 14)
     solver = SpectralPressure(launcher, shape, sides)
     divergence, pressure = launcher.zeros(shape, "test"), launcher.zeros(shape, "test")
-    velocity = random_velocity(launcher, shape)
+    velocity = random_velocity(launcher, shape, sides=sides)
     assert project(launcher, solver, sides, velocity, divergence, pressure) <= 1e-5
+    for axis, component in enumerate(velocity):
+        if sides[2 * axis] == "periodic":
+            ends = np.moveaxis(component.numpy(), axis, 0)
+            np.testing.assert_array_equal(ends[0], ends[-1])
 
 
 @pytest.mark.parametrize("sides", [CLOSED, OPEN, ("open", "open", "closed", "open", "open", "open")])
@@ -130,7 +136,9 @@ def test_no_divergence_gives_no_pressure(launcher):
     assert status.converged
 
 
-@pytest.mark.parametrize("sides", [CLOSED, OPEN, MIXED], ids=["closed", "open", "mixed"])
+@pytest.mark.parametrize(
+    "sides", [CLOSED, OPEN, MIXED, PERIODIC, SLAB], ids=["closed", "open", "mixed", "periodic", "slab"]
+)
 @pytest.mark.parametrize("shape", [(1, 1, 1), (1, 9, 1), (7, 1, 1), (1, 1, 8), (2, 1, 3), (31, 17, 5), (3, 1, 300)])
 def test_any_shape(launcher, shape, sides):
     """Thin, long and prime boxes are solved too: the residual, 0 where it has to be, is within round-off."""
@@ -138,7 +146,7 @@ def test_any_shape(launcher, shape, sides):
     _, status = solve(launcher, divergence, sides)
     # The pressure of a long box is larger than d by its condition, (300 / π)²: so is its round-off.
     assert status.max_residual < 1e-6 * max(1.0, (max(shape) / np.pi) ** 2)
-    if sides == CLOSED:
+    if "open" not in sides:
         assert status.imbalance == pytest.approx(abs(divergence.mean()), rel=1e-4, abs=1e-7)
 
 

@@ -8,11 +8,15 @@ import pytest
 from warp_smoke.fluid.transforms import FastTransforms, MatrixTransforms, cell_modes, face_modes
 from warp_smoke.launch import Launcher
 
-ENDS = list(product(("even", "odd"), repeat=2))
+ENDS = [*product(("even", "odd"), repeat=2), ("periodic", "periodic")]
 
 
 def _continued(a: np.ndarray, ends: tuple, on_samples: bool) -> np.ndarray:
     """A field along an axis with one more sample at each end: mirrored at or half a sample beyond the last one."""
+    if ends[0] == "periodic":
+        period = len(a) - 1 if on_samples else len(a)
+        again = np.append(a[:period], a[0]) if on_samples else a
+        return np.concatenate([[a[period - 1]], again, [again[1 % len(again)] if on_samples else a[0]]])
     signs = [1.0 if end == "even" else -1.0 for end in ends]
     beside = (a[1], a[-2]) if on_samples else (a[0], a[-1])
     return np.concatenate([[signs[0] * beside[0]], a, [signs[1] * beside[1]]])

@@ -101,6 +101,11 @@ def side_faces_from_within(shape: tuple[int, int, int], sides: tuple[str, ...], 
     return patches
 
 
+def closed_ends(sides: tuple[str, ...]) -> tuple[str, ...]:
+    """The sides with periodic ones closed: for what does the rest of those by itself."""
+    return tuple("closed" if side == "periodic" else side for side in sides)
+
+
 def seam_faces(shape: tuple[int, int, int], sides: tuple[str, ...], axis: int) -> list[Patch]:
     """Both copies of the faces on a periodic side across an axis, if it has one; beside them are the two end cells."""
     if sides[2 * axis] != "periodic":

@@ -42,11 +42,6 @@ def copy_samples(launcher: Launcher, patches: list[Patch], field: wp.array, targ
         launcher.launch(_copy, shape, block, field, target)
 
 
-def closed_ends(sides: tuple[str, ...]) -> tuple[str, ...]:
-    """The sides of a field with ghosts: where those end, nothing counts, so periodic ones may be closed."""
-    return tuple("closed" if side == "periodic" else side for side in sides)
-
-
 class Halo:
     """Ghost cells of one lattice.
 

@@ -4,22 +4,27 @@ Both are undivided. Divergence stands for d = Σ (u₊ − u₋) [m/s] and press
 dt enters: the projection solves L q = d with L = divergence of gradient, then takes the gradient of q off the velocity.
 Velocity is (u, v, w) on faces, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1] [m/s]; d and q sit in cells,
 [nx, ny, nz]. An open side has p = 0 on its face, half a cell from the centre: weight 2 with q = 0 outside. A closed
-side lets nothing through: weight 0.
+side lets nothing through: weight 0. Beyond a periodic side lies the cell at the other end: weight 1, as between cells;
+the faces on it are stored twice, as the first and the last.
 """
 
 from functools import cache
 
 import warp as wp
 
+from warp_smoke.fluid.grid import Block, beside, closed_ends, seam_faces
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
 
 
+SIDE_WEIGHTS = {"open": 2.0, "closed": 0.0, "periodic": 1.0}
+
+
 @cache
 def side_weights(sides: tuple[str, ...]) -> tuple[wp.vec3, wp.vec3]:
-    """Weights of q in the gradient on the outermost faces: lower and upper sides, 2 where open, 0 where closed."""
-    weights = [2.0 if side == "open" else 0.0 for side in sides]
+    """Weights of q in the gradient on the outermost faces: lower and upper sides, see `SIDE_WEIGHTS`."""
+    weights = [SIDE_WEIGHTS[side] for side in sides]
     return wp.vec3(*weights[0::2]), wp.vec3(*weights[1::2])
 
 
@@ -200,6 +205,41 @@ def _subtract_weighted_gradient(
 
 
 @wp.kernel
+def _subtract_across_seam(rows: Rows, block: Block, pressure: wp.array3d[float], u_inout: wp.array3d[float]):
+    """Sets u −= q_after − q_before, the cells beside the face."""
+    i, j, c = wp.tid()
+    i += rows.first + block.first[0]
+    j += block.first[1]
+    before = beside(pressure, block.before)
+    after = beside(pressure, block.after)
+    u = dense(u_inout)
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
+    while k < end:
+        u[i, j, k] = u[i, j, k] - (after[i, j, k] - before[i, j, k])
+        k += 1
+
+
+@wp.kernel
+def _subtract_weighted_across_seam(
+    rows: Rows, block: Block, pressure: wp.array3d[float], share: wp.array3d[float], u_inout: wp.array3d[float]
+):
+    """Sets u −= w (q_after − q_before), the cells beside the face, w its open share."""
+    i, j, c = wp.tid()
+    i += rows.first + block.first[0]
+    j += block.first[1]
+    before = beside(pressure, block.before)
+    after = beside(pressure, block.after)
+    w = dense(share)
+    u = dense(u_inout)
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
+    while k < end:
+        u[i, j, k] = u[i, j, k] - w[i, j, k] * (after[i, j, k] - before[i, j, k])
+        k += 1
+
+
+@wp.kernel
 def _close_sides(
     rows: Rows,
     lower: wp.vec3,
@@ -274,10 +314,14 @@ def subtract_gradient(
     Args:
         launcher: where it runs.
         pressure: q = dt p / h, [nx, ny, nz] [m/s].
-        sides: open or closed for each of -x +x -y +y -z +z.
+        sides: open, closed or periodic for each of -x +x -y +y -z +z.
         velocity: u, v, w on faces [m/s], changed.
     """
-    launcher.launch(_subtract_gradient, corners(pressure.shape), pressure, *side_weights(sides), *velocity)
+    weights = side_weights(closed_ends(sides))
+    launcher.launch(_subtract_gradient, corners(pressure.shape), pressure, *weights, *velocity)
+    for axis, component in enumerate(velocity):
+        for shape, block in seam_faces(pressure.shape, sides, axis):
+            launcher.launch(_subtract_across_seam, shape, block, pressure, component)
 
 
 def subtract_fluid_gradient(
@@ -292,20 +336,15 @@ def subtract_fluid_gradient(
     Args:
         launcher: where it runs.
         pressure: q = dt p / h, [nx, ny, nz] [m/s].
-        sides: open or closed for each of -x +x -y +y -z +z.
+        sides: open, closed or periodic for each of -x +x -y +y -z +z.
         solids: a `Solids`.
         velocity: u, v, w on faces [m/s], changed.
     """
-    launcher.launch(
-        _subtract_weighted_gradient,
-        corners(pressure.shape),
-        pressure,
-        *side_weights(sides),
-        solids.wx,
-        solids.wy,
-        solids.wz,
-        *velocity,
-    )
+    shares, weights = (solids.wx, solids.wy, solids.wz), side_weights(closed_ends(sides))
+    launcher.launch(_subtract_weighted_gradient, corners(pressure.shape), pressure, *weights, *shares, *velocity)
+    for axis, (share, component) in enumerate(zip(shares, velocity, strict=True)):
+        for shape, block in seam_faces(pressure.shape, sides, axis):
+            launcher.launch(_subtract_weighted_across_seam, shape, block, pressure, share, component)
 
 
 def close_sides(launcher: Launcher, sides: tuple[str, ...], velocity: tuple[wp.array, wp.array, wp.array]) -> None:
@@ -313,7 +352,7 @@ def close_sides(launcher: Launcher, sides: tuple[str, ...], velocity: tuple[wp.a
 
     Args:
         launcher: where it runs.
-        sides: open or closed for each of -x +x -y +y -z +z.
+        sides: open, closed or periodic for each of -x +x -y +y -z +z.
         velocity: u, v, w on faces [m/s], changed.
     """
     if "closed" in sides:

@@ -5,8 +5,8 @@ from math import ceil, inf
 import warp as wp
 
 from warp_smoke.fluid.colliders import Solids
-from warp_smoke.fluid.grid import Box
-from warp_smoke.fluid.halo import Halo, closed_ends
+from warp_smoke.fluid.grid import Box, closed_ends
+from warp_smoke.fluid.halo import Halo
 from warp_smoke.fluid.solid_boundary import SolidBoundary
 from warp_smoke.launch import Launcher
 

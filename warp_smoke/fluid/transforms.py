@@ -11,7 +11,8 @@ discrete cosine or sine transform (G. Strang, *The Discrete Cosine Transform*, 1
     even, odd   DCT-IV  m + ½   DCT-III  m + ½
     odd, even   DST-IV  m + ½   DST-III  m + ½
 
-Faces on odd ends are 0 and have no mode.
+Faces on odd ends are 0 and have no mode. Along a periodic axis the modes are those of the Hartley transform (R. V. L.
+Hartley, 1942), Σ a_l (cos + sin)(2π l m / n), with s = 2 m; the last face is the first one, and has no mode of its own.
 """
 
 from collections.abc import Callable
@@ -26,7 +27,19 @@ from warp_smoke.launch import Launcher, Rows
 
 wp.set_module_options({"enable_backward": False})
 
-EVEN, ODD = "even", "odd"
+EVEN, ODD, PERIODIC = "even", "odd", "periodic"
+
+
+def _hartley(a: np.ndarray, axis: int, overwrite_x: bool = False, workers: int | None = None) -> np.ndarray:
+    """The Hartley transform of real numbers along an axis, orthonormal, and so its own inverse."""
+    spectrum = np.moveaxis(scipy.fft.rfft(a, axis=axis, norm="ortho", workers=workers), axis, 0)
+    result = a if overwrite_x else np.empty_like(a)
+    modes, n = np.moveaxis(result, axis, 0), a.shape[axis]
+    np.subtract(spectrum.real, spectrum.imag, out=modes[: n // 2 + 1])
+    np.add(spectrum.real[1 : (n + 1) // 2], spectrum.imag[1 : (n + 1) // 2], out=modes[: n // 2 : -1])
+    return result
+
+
 _CELLS = {
     (EVEN, EVEN): (scipy.fft.dct, scipy.fft.idct, 2, 0.0),
     (ODD, ODD): (scipy.fft.dst, scipy.fft.idst, 2, 1.0),
@@ -114,14 +127,19 @@ class Modes:
 
 
 def cell_modes(n: int, lower: str, upper: str) -> Modes:
-    """Orthonormal modes of the n cells along an axis between two ends, each even or odd."""
+    """Orthonormal modes of the n cells along an axis between two ends, each even or odd, or both periodic."""
+    if lower == PERIODIC:
+        return Modes(0, n, _hartley, _hartley, 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(n) / n))
     forward, inverse, kind, shift = _CELLS[lower, upper]
     eigenvalues = 2.0 - 2.0 * np.cos(np.pi * (np.arange(n) + shift) / n)
     return Modes(0, n, *(partial(each, type=kind, norm="ortho") for each in (forward, inverse)), eigenvalues)
 
 
 def face_modes(n: int, lower: str, upper: str) -> Modes:
-    """Modes of the n + 1 faces across an axis of n cells between two ends, each even or odd."""
+    """Modes of the n + 1 faces across an axis of n cells between two ends, each even or odd, or both periodic."""
+    if lower == PERIODIC:
+        cells = cell_modes(n, lower, upper)
+        return Modes(0, n, _hartley, _hartley, np.append(cells.eigenvalues, 0.0))
     forward, inverse, kind, shift = _FACES[lower, upper]
     first, stop = int(lower == ODD), n + int(upper == EVEN)
     eigenvalues = np.zeros(n + 1)

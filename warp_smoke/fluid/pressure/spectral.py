@@ -1,6 +1,7 @@
 """Exact pressure in an empty box: sine and cosine transforms along k and j, a tridiagonal solve along i.
 
 The modes are those of `fluid/transforms.py`: pressure is 0 on open sides (odd) and has no slope on closed ones (even).
+Along axes that are periodic it has Hartley's; if i is, it is transformed too, and each mode divided by its eigenvalue.
 """
 
 from math import isfinite, sqrt
@@ -11,7 +12,7 @@ import warp as wp
 from warp_smoke.fluid.operators import side_weights
 from warp_smoke.fluid.pressure.status import PressureStatus
 from warp_smoke.fluid.pressure.sums import Sums, dense_parts
-from warp_smoke.fluid.transforms import EVEN, ODD, FastTransforms, MatrixTransforms, Modes, cell_modes
+from warp_smoke.fluid.transforms import EVEN, ODD, PERIODIC, FastTransforms, MatrixTransforms, Modes, cell_modes
 from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
@@ -49,6 +50,23 @@ def _solve_tridiagonal(rows: Rows, factor: wp.array3d[float], q_inout: wp.array3
             q[i, j, k] = q[i, j, k] + m[i, j, k] * q[i + 1, j, k]
             k += 1
         i -= 1
+
+
+@wp.kernel
+def _divide(
+    rows: Rows, along_i: wp.array[float], along_j: wp.array[float], along_k: wp.array[float], q_inout: wp.array3d[float]
+):
+    """Division: q = −d / (λ_i + λ_j + λ_k), d and then q in `q_inout`; 0 where the sum is 0."""
+    i, j, c = wp.tid()
+    i += rows.first
+    q = dense(q_inout)
+    across = along_i[i] + along_j[j]
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, q_inout.shape[2])
+    while k < end:
+        total = across + along_k[k]
+        q[i, j, k] = wp.where(total > 0.0, -q[i, j, k] / wp.max(total, 1.0e-12), 0.0)
+        k += 1
 
 
 @wp.kernel
@@ -93,25 +111,28 @@ def _sum_residual(
         parts[2, i, k] = zero
         parts[3, i, k] = zero
         k += 1
-    i_before = wp.max(i - 1, 0)
-    i_after = wp.min(i + 1, nx - 1)
-    a0 = wp.where(i > 0, 1.0, 0.0)
-    a1 = wp.where(i < nx - 1, 1.0, 0.0)
+    # Beyond sides of weight 1 lies the other end; beyond those of weight 2 and 0 nothing.
+    i_before = wp.where(i > 0, i - 1, nx - 1)
+    i_after = wp.where(i < nx - 1, i + 1, 0)
+    a0 = wp.where(i > 0 or lower[0] == 1.0, 1.0, 0.0)
+    a1 = wp.where(i < nx - 1 or upper[0] == 1.0, 1.0, 0.0)
     centre_i = wp.where(i > 0, 1.0, lower[0]) + wp.where(i < nx - 1, 1.0, upper[0])
     j = wp.int32(0)
     while j < ny:
-        j_before = wp.max(j - 1, 0)
-        j_after = wp.min(j + 1, ny - 1)
-        b0 = wp.where(j > 0, 1.0, 0.0)
-        b1 = wp.where(j < ny - 1, 1.0, 0.0)
+        j_before = wp.where(j > 0, j - 1, ny - 1)
+        j_after = wp.where(j < ny - 1, j + 1, 0)
+        b0 = wp.where(j > 0 or lower[1] == 1.0, 1.0, 0.0)
+        b1 = wp.where(j < ny - 1 or upper[1] == 1.0, 1.0, 0.0)
+        beyond_0 = wp.where(lower[2] == 1.0, q[i, j, nz - 1], 0.0)
+        beyond_1 = wp.where(upper[2] == 1.0, q[i, j, 0], 0.0)
         centre_j = wp.where(j > 0, 1.0, lower[1]) + wp.where(j < ny - 1, 1.0, upper[1])
         k = start
         while k < end:
             here = q[i, j, k]
             along_i = a0 * q[i_before, j, k] + a1 * q[i_after, j, k] - centre_i * here
             along_j = b0 * q[i, j_before, k] + b1 * q[i, j_after, k] - centre_j * here
-            below = wp.where(k > 0, q[i, j, wp.max(k - 1, 0)] - here, -lower[2] * here)
-            above = wp.where(k < nz - 1, q[i, j, wp.min(k + 1, nz - 1)] - here, -upper[2] * here)
+            below = wp.where(k > 0, q[i, j, wp.max(k - 1, 0)] - here, lower[2] * (beyond_0 - here))
+            above = wp.where(k < nz - 1, q[i, j, wp.min(k + 1, nz - 1)] - here, upper[2] * (beyond_1 - here))
             s = wp.float64(d[i, j, k])
             r = wp.float64(d[i, j, k] - imbalance - (along_i + along_j + below + above))
             parts[0, i, k] = parts[0, i, k] + s * s
@@ -122,9 +143,12 @@ def _sum_residual(
         j += 1
 
 
+_ENDS = {"open": ODD, "closed": EVEN, "periodic": PERIODIC}
+
+
 def _modes(n: int, *sides: str) -> Modes:
-    """Modes of an axis of n cells: q is continued odd at open sides and even at closed ones."""
-    return cell_modes(n, *(ODD if side == "open" else EVEN for side in sides))
+    """Modes of an axis of n cells: q is continued odd at open sides, even at closed and again at periodic ones."""
+    return cell_modes(n, *(_ENDS[side] for side in sides))
 
 
 def eigenvalues(n: int, lower: str, upper: str) -> np.ndarray:
@@ -133,9 +157,9 @@ def eigenvalues(n: int, lower: str, upper: str) -> np.ndarray:
 
 
 class SpectralPressure:
-    """Direct solver for a box without solids, with any mix of open and closed sides.
+    """Direct solver for a box without solids, with any mix of open, closed and periodic sides.
 
-    In a box with closed sides only, the mean of the divergence is left out and the mean of the pressure is 0.
+    In a box without open sides, the mean of the divergence is left out and the mean of the pressure is 0.
     """
 
     def __init__(self, launcher: Launcher, shape: _Shape, sides: tuple[str, ...]):
@@ -144,15 +168,22 @@ class SpectralPressure:
         Args:
             launcher: where it runs.
             shape: cells along each axis (nx, ny, nz).
-            sides: open or closed for each of -x +x -y +y -z +z.
+            sides: open, closed or periodic for each of -x +x -y +y -z +z.
         """
         self._launcher, self._shape, self._sides = launcher, shape, sides
-        modes = {axis: _modes(shape[axis], *sides[2 * axis : 2 * axis + 2]) for axis in (2, 1)}
+        self._transforms_i = sides[0] == "periodic"
+        axes = (2, 1, 0) if self._transforms_i else (2, 1)
+        modes = {axis: _modes(shape[axis], *sides[2 * axis : 2 * axis + 2]) for axis in axes}
         if launcher.device.is_cpu:
             self._transforms = FastTransforms(launcher, modes)
         else:
             self._transforms = MatrixTransforms(launcher, modes, shape, "pressure")
-        self._factor = launcher.array(_tridiagonal_factor(shape, sides), "pressure")
+        if self._transforms_i:
+            self._eigenvalues = [
+                launcher.array(modes[axis].eigenvalues.astype(np.float32), "pressure") for axis in range(3)
+            ]
+        else:
+            self._factor = launcher.array(_tridiagonal_factor(shape, sides), "pressure")
         self._singular = "open" not in sides
         self._mean = launcher.zeros(1, "pressure")
         self._sums = Sums(launcher, shape, 4, "pressure")
@@ -186,16 +217,21 @@ class SpectralPressure:
         """
         self._transforms.forward(divergence, pressure)
         imbalance = self._remove_mean(pressure) if self._singular else 0.0
-        _, ny, nz = self._shape
-        self._launcher.launch(_solve_tridiagonal, (ny, 1, nz), self._factor, pressure)
-        if self._singular:
-            self._remove_mean(pressure)
+        if self._transforms_i:
+            self._launcher.launch(_divide, self._shape, *self._eigenvalues, pressure)
+        else:
+            _, ny, nz = self._shape
+            self._launcher.launch(_solve_tridiagonal, (ny, 1, nz), self._factor, pressure)
+            if self._singular:
+                self._remove_mean(pressure)
         self._transforms.inverse(pressure)
         return imbalance
 
     def _remove_mean(self, modes: wp.array) -> float:
         """Takes the mean off a field given by its modes, and returns it."""
-        _, ny, nz = self._shape
+        nx, ny, nz = self._shape
+        if self._transforms_i:  # the first mode alone has a mean, and `_divide` leaves that out
+            return float(modes[:1, :1, :1].numpy().item()) / sqrt(nx * ny * nz)
         self._launcher.launch_each(_remove_mean_mode, 1, modes, self._mean)
         return float(self._mean.numpy()[0]) / sqrt(ny * nz)
 
