@@ -38,14 +38,14 @@ class _Doubled(MacCormack):
 
 def _hill(launcher, scheme, made):
     sizes = (32, 64, 128)
-    cases = [advection.turning_case(scheme, n, 1.0, advection.HILL, {scheme: made}) for n in sizes]
+    cases = [advection.turning_case(advection.HILL, scheme, made, n, 1.0) for n in sizes]
     return _rows(launcher, cases)
 
 
-@pytest.mark.parametrize("scheme", ADVECTION_SCHEMES)
+@pytest.mark.parametrize("scheme", ADVECTION_SCHEMES | advection.UNLIMITED)
 def test_hill_has_the_known_orders(launcher, scheme):
     """Nothing is unexpected about any scheme on the turning hill, and its mass and range are reported."""
-    rows = _hill(launcher, scheme, ADVECTION_SCHEMES[scheme])
+    rows = _hill(launcher, scheme, (ADVECTION_SCHEMES | advection.UNLIMITED)[scheme])
     assert advection.unexpected(rows) == []
     assert all({"mass_drift", "least", "most"} <= row.errors.keys() for row in rows)
 
@@ -56,11 +56,19 @@ def test_wrong_schemes_are_caught(launcher, wrong):
     assert advection.unexpected(_hill(launcher, "maccormack", wrong))
 
 
+def test_leaving_the_range_is_caught(launcher):
+    """Negative smoke is as good as none without limits, and a mistake with them."""
+    name = "maccormack, unlimited"
+    rows = _hill(launcher, name, advection.UNLIMITED[name])
+    assert min(row.errors["least"] for row in rows) < 0
+    assert advection.unexpected([replace(rows[0], method="maccormack")])
+
+
 def test_small_steps_make_semi_lagrangian_worse(launcher):
     """Its error grows as its steps shrink, as its many interpolations smear: like h²/Δt."""
     errors = []
     for courant in (4.0, 2.0, 1.0):
-        case = advection.turning_case("semi_lagrangian", 64, courant, advection.STEPS)
+        case = advection.turning_case(advection.STEPS, "semi_lagrangian", SemiLagrangian, 64, courant)
         errors.append(_rows(launcher, [case])[0].errors["relative_l2"])
     assert errors == sorted(errors)
 
