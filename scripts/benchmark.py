@@ -7,7 +7,6 @@ in its way. Each figure is the median over steps, next to the bandwidth that cop
 """
 
 import json
-import platform
 import sys
 from pathlib import Path
 from statistics import median
@@ -18,7 +17,9 @@ from rich.console import Console
 from rich.table import Column, Table
 
 import warp_smoke as ws
+from warp_smoke.launch import Launcher
 from warp_smoke.report import environment
+from warp_smoke.study.disclosure import copy_bandwidth, processor
 
 STEPS, WARM_UP = 15, 8
 
@@ -57,24 +58,6 @@ def time_passes(resolution: int, threads: int, collider: bool) -> dict[str, floa
         samples.append({name: seconds[name] - before.get(name, 0.0) for name in seconds} | {"whole step": whole})
     cells = resolution**3
     return {name: 1e9 * median(s.get(name, 0.0) for s in samples) / cells for name in samples[0]}
-
-
-def copy_bandwidth() -> float:
-    """Bytes read and written per second by copying 64 MiB on one thread, the best of ten [GB/s]."""
-    source = np.ones(2**24, np.float32)
-    target = np.empty_like(source)
-    times = []
-    for _ in range(10):
-        began = perf_counter()
-        np.copyto(target, source)
-        times.append(perf_counter() - began)
-    return 2 * source.nbytes / min(times) / 1e9
-
-
-def processor() -> str:
-    """The processor's name, where the system tells it."""
-    lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
-    return next((line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.machine())
 
 
 def page(facts: dict) -> str:
@@ -127,7 +110,7 @@ def main() -> None:
         for name in [name for name in names if columns[0][name] >= 0.05] + ["whole step"]:
             table.add_row(name, *(f"{figures.get(name, 0.0):.1f}" for figures in columns))
         console.print(table)
-    bandwidth = copy_bandwidth()
+    bandwidth = copy_bandwidth(Launcher())
     console.print(f"copying memory: {bandwidth:.1f} GB/s, {8e0 / bandwidth:.2f} ns for each float read and written")
     files = [argument for argument in arguments if not argument.startswith("-")]
     if files:

@@ -48,7 +48,7 @@ def cases(full: bool) -> list[Case]:
         made += [vortex_case(scheme, n) for n in ((8, 16, 32, 64, 128) if full else (8, 16, 32, 64))]
     cavities = {100: (32, 64, 128), 400: (32, 64, 128), 1000: (64, 128)} if full else {100: (16, 32, 64), 400: (32, 64)}
     for reynolds, sizes in cavities.items():
-        made += [_cavity_case(scheme, n, reynolds) for scheme in ("semi_lagrangian", "maccormack") for n in sizes]
+        made += [cavity_case(scheme, n, reynolds) for scheme in ("semi_lagrangian", "maccormack") for n in sizes]
     made.append(_rest_case("spectral", {}))
     for solver in ("multigrid", "spectral_conjugate_gradient", "conjugate_gradient", "red_black"):
         made += [_rest_case(solver, {"tolerance": tolerance}) for tolerance in _REST_TOLERANCES]
@@ -114,7 +114,7 @@ class _Cavity(SmokeSolver):
         return super()._diffuse_velocity(dt)
 
 
-def _cavity_case(scheme: str, n: int, reynolds: int) -> Case:
+def cavity_case(scheme: str, n: int, reynolds: int) -> Case:
     """Ghia's cavity from rest until nothing changes, at Courant number 1."""
     steps = _CAVITY_SECONDS[reynolds] * n
 
