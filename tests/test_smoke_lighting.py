@@ -7,7 +7,9 @@ import pytest
 from scenes import at, floor, plume
 
 import warp_smoke as ws
-from warp_smoke.record import FieldError
+from warp_smoke.lighting import Lighting
+from warp_smoke.record import FieldError, Samples
+from warp_smoke.shading.bake import ReceiverBake
 
 
 def _last(scene, frames=3):
@@ -92,6 +94,45 @@ def test_light_inside_the_smoke_is_traced(method, place):
     assert {s.method for s in _shadows(simulation.plan.scene).values()} <= {"ray_traced"}
     assert any("rays are traced" in out.why for out in simulation.plan.left_out) or not _shadows(simulation.plan.scene)
     assert pictures["/World/Floor", "lit"].max() > 0
+
+
+@pytest.mark.parametrize("method", ["march", "gaussian", "dpd", "ray_traced"])
+def test_texels_that_no_smoke_can_shadow_are_left_alone(monkeypatch, method):
+    """Each frame's pictures have the bytes that they have when every texel is put together anew."""
+    scene = plume(frames=4)
+    scene = replace(scene, lights=[replace(light, smoke_shadow=method, smoke_diffusion=0.5) for light in scene.lights])
+
+    def frames():
+        simulation = ws.Simulation(scene, threads=1)
+        return [simulation.step().pictures for _ in scene.frames]
+
+    found = frames()
+    monkeypatch.setattr(Lighting, "_limit_smoke", lambda *_: None)
+    for one, other in zip(found, frames(), strict=True):
+        assert set(one) == set(other)
+        for key, pixels in one.items():
+            np.testing.assert_array_equal(pixels, other[key])
+
+
+def test_the_smokes_reach_is_the_shadow_of_its_box(monkeypatch):
+    """Under the sun alone: the box's shadow on the floor, 4 + 2 · 0.8 + 2 · 0.4 of 36 square metres, and its border."""
+    scene, counts = plume(frames=1), []
+    limit = ReceiverBake.limit_smoke
+    monkeypatch.setattr(
+        ReceiverBake, "limit_smoke", lambda bake, reached: (counts.append(len(reached)), limit(bake, reached))
+    )
+    ws.Simulation(replace(scene, lights=scene.lights[1:])).step()
+    (count,) = counts
+    inside, border = 6.4 / 36 * 64**2, 9.8 * 0.125 / 36 * 64**2  # a cell wide, as the buffer's texels are
+    assert inside - 0.1 * border <= count <= inside + 1.5 * border
+
+
+def test_a_moving_light_reaches_all_texels(monkeypatch):
+    """Where light or receiver moves, nothing is limited: every texel may change."""
+    monkeypatch.setattr(ReceiverBake, "limit_smoke", lambda *_: pytest.fail("limited"))
+    scene = plume(frames=2)
+    moving = Samples([1, 2], np.stack([at(1.5, 3.5, 1.0), at(1.5, 3.4, 1.0)]))
+    _last(replace(scene, lights=[replace(scene.lights[0], transform=moving)]), 2)
 
 
 @pytest.mark.parametrize(

@@ -196,7 +196,7 @@ class Lighting:
                     shares.fill_(1.0)
                     self._look_through_smoke(light, bake.smoke_points, shares)
         with self._timings.measure("bake"):
-            return {(each.surface.path, name): bake.picture(name) for name in due}
+            return {(each.surface.path, name): pixels for name, pixels in bake.pictures(due).items()}
 
     def _look_through_smoke(self, each: LightPlan, points: wp.array, shares: wp.array) -> None:
         for smoke in each.smoke:

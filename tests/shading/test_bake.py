@@ -151,6 +151,57 @@ def test_shadows_multiply_their_light(launcher):
     assert np.abs(bake.picture("smokeShadow") - 255 * through).max() <= 0.51
 
 
+@pytest.mark.parametrize("bits", [8, 16])
+def test_texels_out_of_the_smokes_reach_are_kept(launcher, bits):
+    """Limited to some texels, every picture has the bytes of one that is not, frame after frame, alpha too."""
+    bakes = ["lit", "irradiance", "smokeShadow"]
+    receiver = Receiver(path="/Floor", texture_size=SIZE, texture_bits=bits)
+    surface = floor(receiver=receiver, material=Material(opacity=0.5))
+    options = {"bakes": bakes, "smoke_shadowed": ["/Lamp", "/Sun"], "color_shadowed": ["/Sun"]}
+    limited, whole = (ReceiverBake(launcher, surface, [LAMP, SUN], ORIGIN, **options) for _ in range(2))
+    rng = np.random.default_rng(4)
+    reached = np.flatnonzero(rng.random(SIZE * SIZE) < 0.3)
+    for bake in (limited, whole):
+        bake.update(1.0)
+    limited.limit_smoke(reached)
+    assert len(limited.smoke_points) == len(reached)
+    shares = {"/Lamp": np.ones((1, SIZE * SIZE), np.float32), "/Sun": np.ones((3, SIZE * SIZE), np.float32)}
+    for _ in range(3):
+        for path, share in shares.items():
+            some = rng.choice(reached, len(reached) // 2)
+            share[:, some] = rng.random((len(share), len(some)), np.float32)
+            whole.transmittance[path].assign(share)
+            limited.transmittance[path].assign(share[:, reached])
+        found, expected = limited.pictures(bakes), whole.pictures(bakes)
+        for name in bakes:
+            np.testing.assert_array_equal(found[name], expected[name])
+
+
+def test_only_texels_whose_shadow_changes_are_put_together_anew(launcher):
+    """Of the texels in the smoke's reach, those alone turn black when light is taken away without saying so."""
+    bake = ReceiverBake(launcher, floor(), [SUN], ORIGIN, bakes=["lit"], shadowed=["/Sun"], smoke_shadowed=["/Sun"])
+    bake.update(1.0)
+    bake.limit_smoke(np.arange(100, 300))
+    before = bake.pictures(["lit"])["lit"].reshape(-1, 3)
+    assert before.min() > 0
+    bake.visibility["/Sun"].fill_(0.0)
+    share = np.ones((1, 200), np.float32)
+    share[0, 50:90] = 0.5
+    bake.transmittance["/Sun"].assign(share)
+    after = bake.pictures(["lit"])["lit"].reshape(-1, 3)
+    np.testing.assert_array_equal(np.flatnonzero(np.all(after == 0, axis=1)), np.arange(150, 190))
+    np.testing.assert_array_equal(np.delete(after, np.s_[150:190], axis=0), np.delete(before, np.s_[150:190], axis=0))
+
+
+def test_smoke_out_of_reach_of_everything(launcher):
+    """Where smoke reaches no texel at all, the picture is that without smoke."""
+    bake = ReceiverBake(launcher, floor(), [SUN], ORIGIN, bakes=["lit"], smoke_shadowed=["/Sun"])
+    bake.update(1.0)
+    whole = bake.picture("lit")
+    bake.limit_smoke(np.zeros(0, int))
+    np.testing.assert_array_equal(bake.pictures(["lit"])["lit"], whole)
+
+
 def test_no_light_is_no_shadow(launcher):
     """Where no light arrives, or there is none, visibility and smokeShadow are 1 and lit is what the surface emits."""
     below = PointLight(path="/Below", transform=at(0, -1, 0))

@@ -123,7 +123,7 @@ def test_color_picture(launcher):
     colors = np.zeros((texels.count, 3), np.float32)
     colors[:, 1] = texels.points.numpy()[:, 1]  # green is the height
     colors[:, 2] = 2.0
-    picture = texels.color_picture(launcher.array(colors, "test", dtype=wp.vec3))
+    picture = texels.color_picture("lit", launcher.array(colors, "test", dtype=wp.vec3))
     assert (picture.shape, picture.dtype) == ((32, 32, 3), np.uint8)
     heights = 1 - (np.arange(8) + 0.5) / 8
     encoded = np.round(255 * (1.055 * heights ** (1 / 2.4) - 0.055))
@@ -138,7 +138,7 @@ def test_share_picture(launcher):
     mesh = Mesh.grid((0, 0, 0), (1, 0, 0), (0, 1, 0))
     texels = TexelMap(launcher, receiver(mesh, 3), ORIGIN)
     shares = np.array([0, 1, 0.5, 0.49 / 255, 0.51 / 255, -1, 2, np.nan, 254.51 / 255], np.float32)
-    picture = texels.share_picture(launcher.array(shares, "test"))
+    picture = texels.share_picture("visibility", launcher.array(shares, "test"))
     np.testing.assert_array_equal(picture, [[0, 255, 128], [0, 1, 0], [255, 0, 255]])
 
 
@@ -146,8 +146,8 @@ def test_pictures_are_not_overwritten(launcher):
     """A picture stays as it was when the next one is made."""
     texels = TexelMap(launcher, receiver(Mesh.grid((0, 0, 0), (1, 0, 0), (0, 1, 0)), 4), ORIGIN)
     black, white = (launcher.array(np.full(16, v, np.float32), "test") for v in (0.0, 1.0))
-    first = texels.share_picture(black)
-    texels.share_picture(white)
+    first = texels.share_picture("visibility", black)
+    texels.share_picture("visibility", white)
     assert not first.any()
 
 
@@ -187,7 +187,7 @@ def test_same_bits_for_any_number_of_threads(threads):
         launcher = Launcher("cpu", count)
         texels = TexelMap(launcher, receiver(Mesh.sphere(), 128), ORIGIN)
         texels.update(1.0)
-        picture = texels.color_picture(texels.normals)
+        picture = texels.color_picture("lit", texels.normals)
         answers.append((texels.points.numpy().copy(), texels.normals.numpy().copy(), picture))
     for one, other in zip(*answers, strict=True):
         np.testing.assert_array_equal(one.view(np.uint8), other.view(np.uint8))

@@ -19,13 +19,20 @@ import warp as wp
 
 from warp_smoke.launch import Launcher
 from warp_smoke.scene import Camera, Light, Material, Surface
-from warp_smoke.shading.compose import Shares, add_lights, average_transmittance, average_visibility, make_shares
+from warp_smoke.shading.compose import (
+    Shares,
+    add_lights,
+    average_transmittance,
+    average_visibility,
+    find_changes,
+    make_shares,
+)
 from warp_smoke.shading.light_source import light_source
 from warp_smoke.shading.looks import make_looks, without_pictures, without_relief
 from warp_smoke.shading.normal_map import pack_channels
 from warp_smoke.shading.radiance import shade_irradiance, shade_light, weigh_light
 from warp_smoke.shading.surface_points import SurfacePoints, allocate_detail, look_up_detail
-from warp_smoke.shading.texel_picture import TexelPicture
+from warp_smoke.shading.texel_picture import Change
 from warp_smoke.shading.texels import TexelMap
 from warp_smoke.shading.vertices import VertexMap
 from warp_smoke.uv_fit import BAKE_UVS
@@ -119,6 +126,7 @@ class ReceiverBake:
         ]
         self._transmittance, self.transmittance = self._make_shares(self._channels, count)
         self._seen = launcher.array(np.arange(count, dtype=np.int32), "bake")
+        self._always = launcher.array(np.ones(count, np.uint8), "bake")
         self._part: _Part | None = None
         self.smoke_points = self.map.points
         self.warnings = warnings
@@ -185,17 +193,22 @@ class ReceiverBake:
             return self.map.direction_picture(self._detail.normals)
         if bake == "visibility":
             average_visibility(self._launcher, self._weights, self._visibility, self._shares)
-            return self.map.share_picture(self._shares)
+            return self.map.share_picture(bake, self._shares)
         if self._part is None:
-            return self._whole(bake, self._transmittance)
-        part = self._part
-        if bake not in part.kept:
-            part.kept[bake] = self._whole(bake, part.unshadowed)
-        if len(part.places):
-            values = self._put_together(bake, part.points, self._transmittance)
-            encode = {"lit": part.picture.colors, "irradiance": part.picture.linear, "smokeShadow": part.picture.shares}
-            part.put(bake, encode[bake](values))
-        return part.kept[bake].copy()
+            return self._draw(bake, self._put_together(bake, self._seen, self._transmittance))
+        if bake not in self._part.drawn:
+            self._draw(bake, self._put_together(bake, self._seen, self._part.unshadowed))
+            self._part.drawn.add(bake)
+        return self._draw(bake, self._put_together(bake, self._part.points, self._transmittance), self._part.change)
+
+    def pictures(self, bakes: Collection[str]) -> dict[str, np.ndarray]:
+        """Some of the receiver's bakes as they now stand; after `limit_smoke` the same ones each time.
+
+        What smoke shadows as it did the last time is then not put together again.
+        """
+        if self._part is not None:
+            find_changes(self._launcher, self._transmittance, self._part.before, self._part.change.flags)
+        return {bake: self.picture(bake) for bake in bakes}
 
     def limit_smoke(self, reached: np.ndarray) -> None:
         """Says that from here on nothing changes but the smoke, and whom that can reach.
@@ -208,62 +221,53 @@ class ReceiverBake:
         """
         if isinstance(self.map, VertexMap):
             return
-        self._part = _Part(self._launcher, self.map, reached, len(self._lights))
         self._transmittance, self.transmittance = self._make_shares(self._channels, len(reached))
+        before, _ = self._make_shares(self._channels, len(reached))
+        unshadowed, _ = self._make_shares([0] * len(self._lights), 1)
+        self._part = _Part(self._launcher, self.map, reached, before, unshadowed)
         self.smoke_points = self._launcher.array(self.map.points.numpy()[reached], "bake", dtype=wp.vec3)
 
-    def _whole(self, bake: str, transmittance: Shares) -> np.ndarray:
-        """The whole of a picture that smoke shadows."""
-        values = self._put_together(bake, self._seen, transmittance)
+    def _draw(self, bake: str, values: wp.array, *change: Change) -> np.ndarray:
+        """A bake's picture with new values, at all points or where they change."""
         if bake == "smokeShadow":
-            return self.map.share_picture(values)
+            return self.map.share_picture(bake, values, *change)
         if bake == "irradiance":
-            return self.map.linear_picture(values)
-        codes = self.map.color_picture(values)
+            return self.map.linear_picture(bake, values, *change)
+        codes = self.map.color_picture(bake, values, *change)
         if isinstance(self.map, TexelMap) and self._is_see_through:
-            return pack_channels(codes, self.map.share_picture(self._detail.opacity))
+            return pack_channels(codes, self.map.share_picture("opacity", self._detail.opacity))
         return codes
 
     def _put_together(self, bake: str, points: wp.array, transmittance: Shares) -> wp.array:
         """The values of a bake at some points, with the smoke's transmittance there."""
+        flags = self._part.change.flags if self._part is not None and points is self._part.points else self._always
         args = (self._visibility, transmittance)
         if bake == "smokeShadow":
-            average_transmittance(self._launcher, points, self._weights, *args, self._shares)
+            average_transmittance(self._launcher, points, flags, self._weights, *args, self._shares)
             return self._shares
         lights = (self._detail.unlit, self._radiance) if bake == "lit" else (self._ambient_light, self._irradiance)
-        add_lights(self._launcher, points, *lights, *args, self._lit)
+        add_lights(self._launcher, points, flags, *lights, *args, self._lit)
         return self._lit
 
 
 class _Part:
-    """The texels that smoke may shadow, and whole pictures in which they are replaced.
+    """The texels that smoke may shadow.
 
     Attributes:
         points: their indices, [k].
-        picture: the places that show them.
-        places: which places of the whole picture these are, on the host.
-        unshadowed: no smoke, for the whole picture.
-        kept: the last picture of each bake.
+        change: where a picture shows them, and which of them smoke shadows in another way than before.
+        before: the smoke's transmittance that the pictures show.
+        unshadowed: no smoke, for the rest.
+        drawn: the bakes whose pictures show the rest.
     """
 
-    def __init__(self, launcher: Launcher, texels: TexelMap, reached: np.ndarray, lights: int):
+    def __init__(self, launcher: Launcher, texels: TexelMap, reached: np.ndarray, before: Shares, unshadowed: Shares):
         index = np.full(texels.count + 1, -1, np.int32)  # with one for places that show no texel
         index[reached] = np.arange(len(reached))
-        shown = index[texels.picture.source]
-        self.places = np.flatnonzero(shown >= 0)
         self.points = launcher.array(np.asarray(reached, np.int32), "bake")
-        self.picture = TexelPicture(launcher, shown[self.places], texels.picture.bits)
-        self.unshadowed, _ = make_shares(launcher, [0] * lights, 1)
-        self.kept: dict[str, np.ndarray] = {}
-
-    def put(self, bake: str, codes: np.ndarray) -> None:
-        """Replaces what the places show; alpha stays."""
-        whole = self.kept[bake]
-        flat = whole.reshape(-1, *whole.shape[2:])
-        if codes.ndim == 1:
-            flat[self.places] = codes
-        else:
-            flat[self.places, :3] = codes
+        self.change = Change(launcher, index[texels.picture.source])
+        self.before, self.unshadowed = before, unshadowed
+        self.drawn: set[str] = set()
 
 
 def map_surface(launcher: Launcher, surface: Surface, origin: np.ndarray) -> tuple[TexelMap | VertexMap, tuple]:

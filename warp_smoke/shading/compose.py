@@ -45,6 +45,7 @@ def make_shares(launcher: Launcher, channels: Sequence[int], count: int) -> tupl
 def add_lights(
     launcher: Launcher,
     points: wp.array,
+    flags: wp.array,
     unlit: wp.array,
     radiance: wp.array,
     visibility: Shares,
@@ -56,13 +57,14 @@ def add_lights(
     Args:
         launcher: where to compute.
         points: which of the n points, [k].
+        flags: 0 for those of them that are left as they are, [k] uint8.
         unlit: light without any light, [n] vec3.
         radiance: of each light, [lights, n] vec3.
         visibility: at all n points.
         transmittance: at those k points.
         lit_out: [k] vec3, or longer.
     """
-    launcher.launch_each(_add_lights, len(points), points, unlit, radiance, visibility, transmittance, lit_out)
+    launcher.launch_each(_add_lights, len(points), points, flags, unlit, radiance, visibility, transmittance, lit_out)
 
 
 def average_visibility(launcher: Launcher, weights: wp.array, visibility: Shares, shares_out: wp.array) -> None:
@@ -73,14 +75,20 @@ def average_visibility(launcher: Launcher, weights: wp.array, visibility: Shares
 def average_transmittance(
     launcher: Launcher,
     points: wp.array,
+    flags: wp.array,
     weights: wp.array,
     visibility: Shares,
     transmittance: Shares,
     shares_out: wp.array,
 ) -> None:
     """Writes the mean share that smoke lets through at some points, as `add_lights`."""
-    args = (points, weights, visibility, transmittance, shares_out)
+    args = (points, flags, weights, visibility, transmittance, shares_out)
     launcher.launch_each(_average_transmittance, len(points), *args)
+
+
+def find_changes(launcher: Launcher, now: Shares, before_inout: Shares, flags_out: wp.array) -> None:
+    """Flags the points at which any share is another one than before, [k] uint8, and brings `before` up to date."""
+    launcher.launch_each(_find_changes, len(flags_out), now.values, before_inout.values, flags_out)
 
 
 @wp.func
@@ -96,6 +104,7 @@ def share_at(shares: Shares, light: int, s: int):
 def _add_lights(
     rows: Rows,
     points: wp.array[int],
+    flags: wp.array[wp.uint8],
     unlit: wp.array[wp.vec3],
     radiance: wp.array2d[wp.vec3],
     visibility: Shares,
@@ -104,6 +113,8 @@ def _add_lights(
 ):
     """lit[q] = unlit[s] + Σ V[s] ⊗ T[q] ⊗ radiance[s] with s = points[q]."""
     q = rows.first + wp.tid()
+    if flags[q] == wp.uint8(0):
+        return
     s = points[q]
     lit = unlit[s]
     for light in range(radiance.shape[0]):
@@ -129,6 +140,7 @@ def _average_visibility(rows: Rows, weights: wp.array2d[float], visibility: Shar
 def _average_transmittance(
     rows: Rows,
     points: wp.array[int],
+    flags: wp.array[wp.uint8],
     weights: wp.array2d[float],
     visibility: Shares,
     transmittance: Shares,
@@ -136,6 +148,8 @@ def _average_transmittance(
 ):
     """shares[q] = Σ w V T / Σ w V, or 1, with w and V at s = points[q], T at q."""
     q = rows.first + wp.tid()
+    if flags[q] == wp.uint8(0):
+        return
     s = points[q]
     total = wp.float32(0.0)  # a literal could not change in the loop
     passed = wp.float32(0.0)
@@ -144,3 +158,15 @@ def _average_transmittance(
         total += w
         passed += w * wp.dot(_LUMINANCE, share_at(transmittance, light, q))
     shares_out[q] = wp.where(total > 0.0, passed / total, 1.0)
+
+
+@wp.kernel
+def _find_changes(rows: Rows, now: wp.array2d[float], before_inout: wp.array2d[float], flags_out: wp.array[wp.uint8]):
+    """flags[q] = any share(q) ≠ before(q), then before = now."""
+    q = rows.first + wp.tid()
+    changed = wp.uint8(0)
+    for row in range(now.shape[0]):
+        if now[row, q] != before_inout[row, q]:
+            changed = wp.uint8(1)
+            before_inout[row, q] = now[row, q]
+    flags_out[q] = changed

@@ -13,56 +13,68 @@ DILATION = 4  # texels that a chart grows, so that filtered lookups at its borde
 
 
 class TexelPicture:
-    """Places of a picture that show texels; codes are 0 where there is none.
+    """The pictures of one receiver, each under a name: codes [p, channels], 0 at places that show no texel.
 
     Attributes:
         source: the texel that each place shows, −1 for none, [p] int32 on the host.
-        bits: of each channel, 8 or 16.
     """
 
     def __init__(self, launcher: Launcher, source: np.ndarray, bits: int):
-        self._launcher, self.source, self.bits = launcher, source, bits
-        self._source = launcher.array(source, "bake")
+        self._launcher, self.source, self._bits = launcher, source, bits
         self._srgb = make_srgb_table(launcher)
-        self._codes: dict[tuple[int, type], wp.array] = {}
+        self._codes: dict[str, wp.array] = {}
+        self.whole = Change(launcher, source)
 
-    def _room(self, width: int, dtype: type) -> wp.array:
-        """Room for codes [p, width], kept for the next time."""
-        if (width, dtype) not in self._codes:
-            self._codes[width, dtype] = self._launcher.zeros((max(len(self.source), 1), width), "bake", dtype=dtype)
-        return self._codes[width, dtype]
+    def _room(self, name: str, channels: int, dtype: type) -> wp.array:
+        if name not in self._codes:
+            self._codes[name] = self._launcher.zeros((len(self.source), channels), "bake", dtype=dtype)
+        return self._codes[name]
 
-    def colors(self, values: wp.array) -> np.ndarray:
-        """Linear RGB of each texel, vec3, as sRGB codes [p, 3]."""
-        if self.bits == 16:
-            return self._deep(values, srgb=True)
-        codes = self._room(3, wp.uint8)
-        self._launcher.launch_each(_encode_colors, len(self.source), self._source, values, self._srgb, codes)
+    def colors(self, name: str, values: wp.array, change: "Change") -> np.ndarray:
+        """Linear RGB of texels, vec3, as sRGB codes [p, 3]; see `Change` for which."""
+        if self._bits == 16:
+            return self._deep(name, values, change, srgb=True)
+        codes = self._room(name, 3, wp.uint8)
+        args = (change.source, change.flags, values, self._srgb, codes)
+        self._launcher.launch_each(_encode_colors, len(self.source), *args)
         return codes.numpy()
 
-    def linear(self, values: wp.array) -> np.ndarray:
-        """Linear RGB of each texel, vec3, as raw codes [p, 3] uint16."""
-        return self._deep(values, srgb=False)
+    def linear(self, name: str, values: wp.array, change: "Change") -> np.ndarray:
+        """Linear RGB of texels, vec3, as raw codes [p, 3] uint16."""
+        return self._deep(name, values, change, srgb=False)
 
-    def _deep(self, values: wp.array, srgb: bool) -> np.ndarray:
-        codes = self._room(3, wp.uint16)
-        self._launcher.launch_each(_encode_deep, len(self.source), self._source, values, int(srgb), codes)
+    def _deep(self, name: str, values: wp.array, change: "Change", srgb: bool) -> np.ndarray:
+        codes = self._room(name, 3, wp.uint16)
+        args = (change.source, change.flags, values, int(srgb), codes)
+        self._launcher.launch_each(_encode_deep, len(self.source), *args)
         return codes.numpy()
+
+    def shares(self, name: str, values: wp.array, change: "Change") -> np.ndarray:
+        """Shares 0…1 of texels as raw codes [p]."""
+        deep = self._bits == 16
+        codes = self._room(name, 1, wp.uint16 if deep else wp.uint8)
+        kernel = _encode_deep_shares if deep else _encode_shares
+        self._launcher.launch_each(kernel, len(self.source), change.source, change.flags, values, codes)
+        return codes.numpy()[:, 0]
 
     def directions(self, values: wp.array) -> np.ndarray:
-        """Unit vectors of each texel, vec3, as codes of ½ (n + 1), [p, 3]."""
-        codes = encode_normals(values.numpy(), self.bits)[self.source]
+        """Unit vectors of all texels, vec3, as codes of ½ (n + 1), [p, 3]."""
+        codes = encode_normals(values.numpy(), self._bits)[self.source]
         codes[self.source < 0] = 0
         return codes
 
-    def shares(self, values: wp.array) -> np.ndarray:
-        """Shares 0…1 of each texel as raw codes [p]."""
-        if self.bits == 16:
-            codes = np.rint(65535.0 * np.clip(values.numpy(), 0.0, 1.0)).astype(np.uint16)
-            return np.where(self.source >= 0, codes[self.source], np.uint16(0))
-        codes = self._room(1, wp.uint8)
-        self._launcher.launch_each(_encode_shares, len(self.source), self._source, values, codes)
-        return codes.numpy()[:, 0]
+
+class Change:
+    """Which texels of a picture are given new values, as a list of k.
+
+    Attributes:
+        source: index into the list for each place of the picture, −1 where it keeps its codes, [p].
+        flags: 1 for those of the list that change indeed, [k].
+    """
+
+    def __init__(self, launcher: Launcher, source: np.ndarray):
+        self.source = launcher.array(source, "bake")
+        self.flags = launcher.array(np.ones(source.max(initial=0) + 1, np.uint8), "bake")
 
 
 def spread_texels(texel: np.ndarray, size: int) -> np.ndarray:
@@ -86,46 +98,83 @@ def spread_texels(texel: np.ndarray, size: int) -> np.ndarray:
     return inner.ravel()
 
 
-@wp.kernel
-def _encode_deep(
-    rows: Rows, source: wp.array[int], colors: wp.array[wp.vec3], srgb: int, codes_out: wp.array2d[wp.uint16]
-):
-    """codes[p] = round(65535 colors[source[p]]), or of their sRGB values, or 0 without a source."""
-    p = rows.first + wp.tid()
+@wp.func
+def is_kept(source: wp.array[int], flags: wp.array[wp.uint8], p: int):
+    """Whether a place of a picture keeps its codes."""
     s = source[p]
-    for channel in range(3):
-        value = wp.float32(0.0)
-        if s >= 0 and colors[s][channel] > 0.0:  # not so for NaN
-            value = wp.min(colors[s][channel], 1.0)
-        if srgb > 0:
-            value = wp.where(value <= 0.0031308, 12.92 * value, 1.055 * wp.pow(value, 1.0 / 2.4) - 0.055)
-        codes_out[p, channel] = wp.uint16(int(65535.0 * value + 0.5))
+    if s < 0:
+        return True
+    return flags[s] == wp.uint8(0)
+
+
+@wp.func
+def within_unit(x: float):
+    """A number clipped to 0…1; 0 for NaN."""
+    return wp.where(x > 0.0, wp.min(x, 1.0), 0.0)
 
 
 @wp.kernel
 def _encode_colors(
     rows: Rows,
     source: wp.array[int],
+    flags: wp.array[wp.uint8],
     colors: wp.array[wp.vec3],
     srgb: SrgbTable,
-    codes_out: wp.array2d[wp.uint8],
+    codes_inout: wp.array2d[wp.uint8],
 ):
-    """codes[p] = sRGB(colors[source[p]]), or 0 without a source."""
+    """codes[p] = sRGB(colors[source[p]])."""
     p = rows.first + wp.tid()
-    s = source[p]
-    color = wp.vec3(0.0)
-    if s >= 0:
-        color = colors[s]
+    if is_kept(source, flags, p):
+        return
+    color = colors[source[p]]
     for channel in range(3):
-        codes_out[p, channel] = wp.uint8(encode_srgb(srgb, color[channel]))
+        codes_inout[p, channel] = wp.uint8(encode_srgb(srgb, color[channel]))
 
 
 @wp.kernel
-def _encode_shares(rows: Rows, source: wp.array[int], shares: wp.array[float], codes_out: wp.array2d[wp.uint8]):
-    """codes[p] = round(255 shares[source[p]]), or 0 without a source."""
+def _encode_deep(
+    rows: Rows,
+    source: wp.array[int],
+    flags: wp.array[wp.uint8],
+    colors: wp.array[wp.vec3],
+    srgb: int,
+    codes_inout: wp.array2d[wp.uint16],
+):
+    """codes[p] = round(65535 colors[source[p]]), or of their sRGB values."""
     p = rows.first + wp.tid()
-    s = source[p]
-    share = 0.0
-    if s >= 0 and shares[s] > 0.0:  # not so for NaN
-        share = wp.min(shares[s], 1.0)
-    codes_out[p, 0] = wp.uint8(int(255.0 * share + 0.5))
+    if is_kept(source, flags, p):
+        return
+    color = colors[source[p]]
+    for channel in range(3):
+        value = within_unit(color[channel])
+        if srgb > 0:
+            value = wp.where(value <= 0.0031308, 12.92 * value, 1.055 * wp.pow(value, 1.0 / 2.4) - 0.055)
+        codes_inout[p, channel] = wp.uint16(int(65535.0 * value + 0.5))
+
+
+@wp.kernel
+def _encode_shares(
+    rows: Rows,
+    source: wp.array[int],
+    flags: wp.array[wp.uint8],
+    shares: wp.array[float],
+    codes_inout: wp.array2d[wp.uint8],
+):
+    """codes[p] = round(255 shares[source[p]])."""
+    p = rows.first + wp.tid()
+    if not is_kept(source, flags, p):
+        codes_inout[p, 0] = wp.uint8(int(255.0 * within_unit(shares[source[p]]) + 0.5))
+
+
+@wp.kernel
+def _encode_deep_shares(
+    rows: Rows,
+    source: wp.array[int],
+    flags: wp.array[wp.uint8],
+    shares: wp.array[float],
+    codes_inout: wp.array2d[wp.uint16],
+):
+    """codes[p] = round(65535 shares[source[p]])."""
+    p = rows.first + wp.tid()
+    if not is_kept(source, flags, p):
+        codes_inout[p, 0] = wp.uint16(int(65535.0 * within_unit(shares[source[p]]) + 0.5))

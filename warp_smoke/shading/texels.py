@@ -7,7 +7,7 @@ from warp_smoke.launch import Launcher, Rows
 from warp_smoke.scene import Surface
 from warp_smoke.shading.placement import Placement, place_normals, place_points
 from warp_smoke.shading.tangents import corner_tangents
-from warp_smoke.shading.texel_picture import TexelPicture, spread_texels
+from warp_smoke.shading.texel_picture import Change, TexelPicture, spread_texels
 from warp_smoke.shading.uv_raster import cover_texels
 
 wp.set_module_options({"enable_backward": False})
@@ -76,21 +76,27 @@ class TexelMap:
             self._launcher.launch_each(_place_tangents, self.count, *args)
         return True
 
-    def color_picture(self, colors: wp.array) -> np.ndarray:
-        """Linear RGB of each texel, [n] vec3, as an sRGB picture, [size, size, 3]; black where no surface is."""
-        return self._squared(self.picture.colors(colors))
+    def color_picture(self, name: str, colors: wp.array, change: Change | None = None) -> np.ndarray:
+        """Linear RGB of texels, vec3, as an sRGB picture, [size, size, 3]; black where no surface is.
 
-    def linear_picture(self, colors: wp.array) -> np.ndarray:
-        """Linear RGB of each texel, [n] vec3, as a raw picture, [size, size, 3] uint16; black where no surface is."""
-        return self._squared(self.picture.linear(colors))
+        Args:
+            name: of the picture, which keeps what does not change.
+            colors: of all n texels, or of those that change.
+            change: which these are; all unless given.
+        """
+        return self._squared(self.picture.colors(name, colors, change or self.picture.whole))
+
+    def linear_picture(self, name: str, colors: wp.array, change: Change | None = None) -> np.ndarray:
+        """Linear RGB of texels, vec3, as a raw picture, [size, size, 3] uint16; otherwise as `color_picture`."""
+        return self._squared(self.picture.linear(name, colors, change or self.picture.whole))
+
+    def share_picture(self, name: str, shares: wp.array, change: Change | None = None) -> np.ndarray:
+        """Shares 0…1 of texels, float, as a raw picture, [size, size]; otherwise as `color_picture`."""
+        return self._squared(self.picture.shares(name, shares, change or self.picture.whole))
 
     def direction_picture(self, directions: wp.array) -> np.ndarray:
-        """Unit vectors of each texel, [n] vec3, as codes of ½ (n + 1), [size, size, 3]; 0 without a surface."""
+        """Unit vectors of all texels, [n] vec3, as codes of ½ (n + 1), [size, size, 3]; 0 without a surface."""
         return self._squared(self.picture.directions(directions))
-
-    def share_picture(self, shares: wp.array) -> np.ndarray:
-        """Shares 0…1 of each texel, [n] float, as a raw picture, [size, size]; 0 where no surface is."""
-        return self._squared(self.picture.shares(shares))
 
     def _squared(self, codes: np.ndarray) -> np.ndarray:
         return codes.reshape(self.size, self.size, *codes.shape[1:]).copy()

@@ -49,11 +49,11 @@ class VertexMap:
         self.normals.assign(normalized(normals).astype(np.float32))
         return True
 
-    def color_picture(self, colors: wp.array) -> np.ndarray:
-        """Linear RGB at each point, [n, 3] float32."""
+    def color_picture(self, name: str, colors: wp.array) -> np.ndarray:
+        """Linear RGB at each point, [n, 3] float32; pictures have names, values at points need none."""
         return colors.numpy().copy()
 
-    def linear_picture(self, colors: wp.array) -> np.ndarray:
+    def linear_picture(self, name: str, colors: wp.array) -> np.ndarray:
         """Linear RGB at each point, [n, 3] float32."""
         return colors.numpy().copy()
 
@@ -61,6 +61,6 @@ class VertexMap:
         """Unit vectors at each point, [n, 3] float32."""
         return directions.numpy().copy()
 
-    def share_picture(self, shares: wp.array) -> np.ndarray:
+    def share_picture(self, name: str, shares: wp.array) -> np.ndarray:
         """Shares 0…1 at each point, [n] float32."""
         return shares.numpy().copy()
