@@ -16,10 +16,13 @@ PNG_COMPRESS_LEVEL = 3
 
 
 def check_folder(folder: Path) -> None:
-    """Raises FieldError if something that is no folder stands where the folder, or one above it, would be."""
-    for each in (folder, *folder.parents):
-        if each.exists() and not each.is_dir():
-            raise FieldError(str(folder), "output folder", f"below the file {each}", "a folder")
+    """Raises FieldError if a folder, or one above it, is something else, or may not be written."""
+    there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+    if not there.is_dir():
+        raise FieldError(str(folder), "output folder", f"below the file {there}", "a folder")
+    if not os.access(there, os.W_OK | os.X_OK):
+        allowed = "a folder that may be written"
+        raise FieldError(str(folder), "output folder", "without permission to write", allowed)
 
 
 @contextmanager

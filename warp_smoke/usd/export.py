@@ -5,7 +5,7 @@ from pathlib import Path, PurePosixPath
 
 from pxr import Ar, Sdf, Tf, Usd, UsdUtils, UsdVol
 
-from warp_smoke.files import replacing
+from warp_smoke.usd.write import replacing_layer
 
 FOLDERS = ("volumes", "textures")
 
@@ -22,7 +22,7 @@ def flatten_stage(stage: Path, file: Path) -> Path:
     """
     flat = Usd.Stage.Open(str(stage)).Flatten(False)
     _name_relative_to(flat, file.parent)
-    with replacing(file) as partial:
+    with replacing_layer(file) as partial:
         flat.Export(str(partial))
     return file
 
@@ -45,8 +45,8 @@ def package_stage(stage: Path, file: Path) -> Path:
     _name_relative_to(without_volumes.GetRootLayer(), file.parent)
     layer = file.with_name(f".{file.stem}.packed.usdc")
     try:
-        without_volumes.GetRootLayer().Export(str(layer))
-        with replacing(file) as partial:
+        with replacing_layer(file) as partial:
+            without_volumes.GetRootLayer().Export(str(layer))
             if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(layer)), str(partial), f"{file.stem}.usdc"):
                 raise OSError(f"{file}: cannot be packed")
     finally:

@@ -1,11 +1,12 @@
 """The stage that a run leaves behind: a root layer over a layer of results over the user's own stage."""
 
+import errno
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from pxr import Sdf, Usd
+from pxr import Sdf, Tf, Usd
 
 from warp_smoke.files import replacing
 from warp_smoke.scene import Scene
@@ -64,7 +65,7 @@ def write_results(
             raise ValueError(f"{path} is the scene's own stage; allowed: another output folder or name")
     folder.mkdir(parents=True, exist_ok=True)
     if scene.source is None:
-        with _replacing_layer(source) as partial:
+        with replacing_layer(source) as partial:
             author_scene(scene, partial)
 
     below = Sdf.Layer.FindOrOpen(str(source))
@@ -85,16 +86,23 @@ def write_results(
     _set_metadata(root, below, scene)
     root.subLayerPaths = [f"./{results_path.name}", _relative(source, folder)]
     for path, layer in ((results_path, results), (root_path, root)):
-        with _replacing_layer(path) as partial:
+        with replacing_layer(path) as partial:
             layer.Export(str(partial))
     return root_path
 
 
 @contextmanager
-def _replacing_layer(path: Path) -> Iterator[Path]:
-    """Like `replacing`; stages that are open in this process then show the new layer."""
+def replacing_layer(path: Path) -> Iterator[Path]:
+    """Like `replacing`, for USD's writers; stages that are open in this process then show the new layer.
+
+    Raises:
+        OSError: USD could not write the file.
+    """
     with replacing(path) as partial:
-        yield partial
+        try:
+            yield partial
+        except Tf.ErrorException as error:
+            raise OSError(errno.EIO, error.args[0].commentary) from error
     layer = Sdf.Layer.Find(str(path))
     if layer:
         layer.Reload(force=True)
