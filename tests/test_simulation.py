@@ -77,7 +77,9 @@ def test_smokeless_scene_has_no_fluid():
     """A set without smoke launches no kernel of the fluid or of smoke shadows, and bakes once."""
     scene = replace(plume(), domains=(), emitters=(), surfaces=[floor(), CUBE])
     simulation, frames = simulate(scene)
-    assert not kernels_of("fluid.advection", "fluid.operators", "shadow.smoke") & set(simulation.launcher.launches)
+    assert not kernels_of("fluid.advection", "fluid.operators", "shadow.slice_projection", "shadow.smoke") & set(
+        simulation.launcher.launches
+    )
     assert set(frames[0].pictures) == {("/World/Floor", "lit"), ("/World/Floor", "visibility")}
     assert not frames[1].pictures
     counts = dict(simulation.launcher.launches)
@@ -88,7 +90,9 @@ def test_smokeless_scene_has_no_fluid():
 def test_unlit_scene_has_no_shading():
     """Smoke alone launches no kernel of shadows or shading."""
     simulation, _ = simulate(replace(plume(), surfaces=(), lights=()))
-    assert not kernels_of("shading.bake", "shading.texels", "shadow.smoke") & set(simulation.launcher.launches)
+    assert not kernels_of("shading.compose", "shading.texels", "shadow.slice_projection", "shadow.smoke") & set(
+        simulation.launcher.launches
+    )
     assert "light_buffer" not in simulation.launcher.allocated
 
 

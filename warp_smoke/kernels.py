@@ -55,8 +55,9 @@ _SURFACE_SHADOW = {
     "exact": "shadow.ray_traced",
     "area": "shadow.ray_traced",
 }
-# Every other smoke shadow is a light buffer along the light's rays.
-_SMOKE_SHADOW = {"dpd": "shadow.dpd", "ray_traced": "shadow.smoke_ray_traced"}
+_SMOKE_SHADOW = {"dpd": ("shadow.dpd",), "ray_traced": ("shadow.smoke_ray_traced",)}
+# Of a light buffer along the light's rays, which is every other smoke shadow.
+_LIGHT_BUFFER = ("shadow.slice_projection", "shadow.smoke")
 
 
 def kernel_modules(plan: Plan) -> list[str]:
@@ -83,8 +84,13 @@ def kernel_modules(plan: Plan) -> list[str]:
     return names
 
 
+def smoke_shadow_kernels(method: str) -> tuple[str, ...]:
+    """Names, within the package, of the modules that a smoke shadow's kernels are in."""
+    return _SMOKE_SHADOW.get(method, _LIGHT_BUFFER)
+
+
 def _smoke_modules(light: LightPlan) -> set[str]:
-    found = {_SMOKE_SHADOW.get(each.method, "shadow.smoke") for each in light.smoke}
+    found = {name for each in light.smoke for name in smoke_shadow_kernels(each.method)}
     if light.light.smoke_diffusion and any(each.method != "ray_traced" for each in light.smoke):
         found.add("shadow.diffusion")
     return found

@@ -12,6 +12,7 @@ import warp as wp
 
 from warp_smoke.files import write_png
 from warp_smoke.geometry import transform_points
+from warp_smoke.kernels import smoke_shadow_kernels
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher, load_kernels
 from warp_smoke.record import FieldError, value_at
@@ -42,7 +43,6 @@ from warp_smoke.usd.own_look import open_in_own_look
 from warp_smoke.usd.read_volume import read_volumes
 
 _KERNELS = ("shading.primary_rays", "shading.radiance", "shading.surface_points", "shadow.ray_traced")
-_SMOKE_KERNELS = {"dpd": "shadow.dpd", "ray_traced": "shadow.smoke_ray_traced"}
 SHADINGS = ("pixel", "vertex")
 # Slices in a layer of the light buffer: smoke shadows itself, so that each slice counts.
 _SLICES_IN_A_LAYER = 2
@@ -347,7 +347,7 @@ def render_kernels(scene: Scene, volumes: Sequence[SmokeVolume]) -> list[str]:
     names = set(_KERNELS)
     if volumes:
         names.add("shading.smoke_march")
-        names |= {_SMOKE_KERNELS.get(light.smoke_shadow, "shadow.smoke") for light in scene.lights}
+        names |= {name for light in scene.lights for name in smoke_shadow_kernels(light.smoke_shadow)}
     return [f"warp_smoke.{name}" for name in sorted(names)]
 
 

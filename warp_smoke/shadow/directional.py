@@ -72,7 +72,7 @@ def nearest_of_texel(m: DirectionalMap, point: wp.vec3, normal: wp.vec3, cosine:
 
 @wp.func
 def in_umbra(m: DirectionalMap, point: wp.vec3, normal: wp.vec3, cosine: float, reach: float):
-    """Whether all within `reach` of a point lies deeper than what is stored there: never true where it does not."""
+    """Whether all within `reach` of a point lies deeper than what is stored there; if unsure, it is false."""
     s = (wp.dot(point, m.s_axis) - m.s) / m.texel
     t = (wp.dot(point, m.t_axis) - m.t) / m.texel
     deepest = deepest_within(m.deepest, m.depth.shape[0], 0, s, t, reach / m.texel)

@@ -9,6 +9,7 @@ Lights are homogeneous vectors: (position, 1), or (unit direction towards the li
 (l, −D, w) in shear coordinates, the ray through (x, 0) is at depth z at x (1 + w z/D) − l z/D.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -134,14 +135,31 @@ def fit_shear(
     return Shear(axis, fit.flipped, shape[axis], fit.light, corner, texel, texels or (int(needed[0]), int(needed[1])))
 
 
+def fit_buffer(light: Light, lattice: Lattice, time: float, texels: tuple[int, int] | None = None) -> Shear | None:
+    """The light buffer of a light at a time code, wide enough for what its method and its diffusion spread.
+
+    Args:
+        light: its `smoke_…` fields are the options.
+        lattice: the smoke's cells.
+        time: time code.
+        texels: numbers of texels that are given.
+
+    Returns:
+        The buffer, or None for a light inside the smoke or too near to it.
+    """
+    reach = GAUSSIAN_REACH if light.smoke_shadow == "gaussian" else 0.5
+    # For splats, and for all but 0.3 % of what diffusion spreads over the edge.
+    margin = (light.smoke_shadow != "march") + math.ceil(3.0 * math.sqrt(2.0 * light.smoke_diffusion))
+    cells = light_in_cells(light, lattice, time)
+    return fit_shear(cells, lattice.shape, light.smoke_shadow_size, texels, reach, margin)
+
+
 def buffer_serves(light: Light, lattice: Lattice, times: Iterable[float]) -> bool:
     """Whether a light buffer can hold the smoke's shadow at all these time codes.
 
     It cannot where a point light is inside the domain, or so near that its rays cross it at more than `MAX_SLOPE`.
     """
-    reach = GAUSSIAN_REACH if light.smoke_shadow == "gaussian" else 0.5
-    places = (light_in_cells(light, lattice, time) for time in times)
-    return all(fit_shear(place, lattice.shape, reach=reach) is not None for place in places)
+    return all(fit_buffer(light, lattice, time) is not None for time in times)
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,7 @@ def look_up(m: PointMap, face: int, r: wp.vec3, normal: wp.vec3, u: wp.vec3):
 
 @wp.func
 def in_umbra(m: PointMap, c: wp.vec4, r: wp.vec3, normal: wp.vec3, reach: float):
-    """Whether `look_up` finds shadow within `reach` all around r, at map coordinates c; never true where it does not."""
+    """Whether `look_up` finds shadow all around r, at map coordinates c, within `reach`; if unsure, it is false."""
     d = wp.length(r)
     size = m.depth.shape[1]
     found = wp.bool(False)

@@ -12,6 +12,7 @@ centre on a slice, and a the texel's width there, all in cells, texel u = (x −
 Divided by a, each keeps the mass: for parallel rays Σ buf A is the sum of the voxels.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -19,6 +20,9 @@ import numpy as np
 from scipy.special import ndtr
 
 from warp_smoke.shadow.light_buffer import GAUSSIAN_REACH, GAUSSIAN_WIDTH, Shear
+
+# Of a cell, that splats reach further than they do, so that round-off leaves none out.
+_SLACK = 1e-6
 
 
 class Taps(NamedTuple):
@@ -41,13 +45,11 @@ class Splat(NamedTuple):
         reach: how far a cell's centre is from a texel that it adds to, in cells, as a function of a.
         weigh: weight before the division by a, as a function of where the texel begins and ends, from the cell's
             centre in texels, and of a. Neighbours share their ends to the bit, so that no cell falls between them.
-        beyond: how far smoke reaches beyond the box on fine texels, in cells.
     """
 
     depths: tuple[float, ...]
     reach: Callable[[np.ndarray], np.ndarray]
     weigh: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-    beyond: float = 0.5
 
 
 def _nearest(begin: np.ndarray, end: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -77,7 +79,7 @@ _GAUSS_POINTS = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
 SPLATS = {
     "nearest": Splat((0.5,), lambda a: 0.5 * a, _nearest),
     "bilinear": Splat((0.5,), lambda a: a, _bilinear),
-    "gaussian": Splat((0.5,), lambda a: 0.5 * a + GAUSSIAN_REACH, _gaussian, GAUSSIAN_REACH),
+    "gaussian": Splat((0.5,), lambda a: 0.5 * a + GAUSSIAN_REACH, _gaussian),
     "footprint": Splat(_GAUSS_POINTS, lambda a: 0.5 * a + 0.5, _footprint),
 }
 
@@ -92,16 +94,22 @@ def splat_taps(splat: Splat, shear: Shear, shape: tuple[int, int]) -> tuple[Taps
     """
     places = shear.slice_places(splat.depths)
     share = 1.0 / len(splat.depths)
-    along_s = _taps(splat, places[:, 0], places[:, 1], shear.texels[0], shape[0], share)
-    return along_s, _taps(splat, places[:, 0], places[:, 2], shear.texels[1], shape[1], 1.0)
+    counts = [tap_count(splat, shear, cells) for cells in shape]
+    along_s = _taps(splat, places[:, 0], places[:, 1], shear.texels[0], shape[0], counts[0], share)
+    return along_s, _taps(splat, places[:, 0], places[:, 2], shear.texels[1], shape[1], counts[1], 1.0)
 
 
-def _taps(splat: Splat, a: np.ndarray, b: np.ndarray, texels: int, cells: int, share: float) -> Taps:
+def tap_count(splat: Splat, shear: Shear, cells: int) -> int:
+    """Cells that each texel gathers from along an axis of so many."""
+    reach = splat.reach(shear.slice_places(splat.depths)[:, 0]) + _SLACK
+    return min(math.ceil(2.0 * reach.max()) + 1, cells)
+
+
+def _taps(splat: Splat, a: np.ndarray, b: np.ndarray, texels: int, cells: int, count: int, share: float) -> Taps:
     """Weights of cells, centres at i + ½, on texels at a n + b."""
     a = a[:, None]
     place = a * np.arange(texels) + b[:, None]
-    reach = splat.reach(a) + 1e-6  # of a cell more, so that round-off leaves none out
-    count = min(int(np.ceil(2.0 * reach.max())) + 1, cells)
+    reach = splat.reach(a) + _SLACK
     first = np.clip(np.ceil(place - reach - 0.5).astype(int), 0, cells - count)
     edges = a * (np.arange(texels + 1) - 0.5) + b[:, None]
     centres = first[..., None] + np.arange(count) + 0.5

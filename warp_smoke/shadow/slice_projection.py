@@ -1,0 +1,348 @@
+"""Sums of the smoke's slices on a light buffer: each lands there by a shift, a shift and a scale, or by splats.
+
+After the shear-warp of Lacroute and Levoy (1994). Where smoke is, is found first: rows without any cost nothing.
+"""
+
+import warp as wp
+
+from warp_smoke.launch import Launcher, Rows, bits, dense_store
+
+wp.set_module_options({"enable_backward": False})
+
+# Elements that are looked at before a row is known to hold smoke.
+_PEEK = wp.constant(64)
+# Floats in a line of cache.
+_LINE = wp.constant(16)
+# Rows are looped over as views that begin at their first element: LLVM then vectorises them. Views want a length.
+_LONG = wp.constant(2**31 - 1)
+
+
+@wp.struct
+class Slices:
+    """Where density's elements (z, s, t) lie in memory: at first + z · z_step + s · s_step + t.
+
+    Attributes:
+        smoky: whether row (z, s) has any smoke.
+        size: number of cells along t.
+    """
+
+    smoky: wp.array2d[int]
+    first: int
+    z_step: int
+    s_step: int
+    size: int
+
+
+@wp.func
+def _row(a: wp.array3d[float], first: int):
+    """The elements of a contiguous array from one on."""
+    return wp.array(ptr=a.ptr + wp.uint64(4) * wp.uint64(first), shape=(_LONG,), dtype=float)
+
+
+@wp.func
+def _flags(a: wp.array3d[int], n: int, p: int, first: int):
+    """The elements of row (n, p) of a contiguous array of flags from one on."""
+    offset = (n * a.shape[1] + p) * a.shape[2] + first
+    return wp.array(ptr=a.ptr + wp.uint64(4) * wp.uint64(offset), shape=(_LONG,), dtype=int)
+
+
+@wp.func
+def _row_store(a: wp.array3d[float], n: int, p: int, first: int):
+    """The elements of row (n, p) of a contiguous array from one on, as integers: see `dense_store`."""
+    offset = (n * a.shape[1] + p) * a.shape[2] + first
+    return wp.array(ptr=a.ptr + wp.uint64(4) * wp.uint64(offset), shape=(_LONG,), dtype=wp.int32)
+
+
+@wp.kernel
+def _find_smoke(rows: Rows, density: wp.array3d[float], slices: Slices, smoky_out: wp.array2d[int]):
+    """smoky[z, s] = whether the row has any density; rows with smoke at their beginning are not read to the end."""
+    s, z, c = wp.tid()
+    s += rows.first
+    first = wp.max(c * rows.run, 0)
+    row = _row(density, slices.first + s * slices.s_step + z * slices.z_step + first)
+    size = wp.min(rows.run, slices.size - first)
+    found = wp.int32(0)
+    begin = wp.int32(0)
+    while begin < size and found == 0:
+        t = wp.max(begin, 0)
+        begin = wp.min(begin + _PEEK, size)
+        while t < begin:
+            found = found | bits(row[t])
+            t += 1
+    if found != 0:  # on CUDA a row has many threads, which all write the same
+        smoky_out[z, s] = 1
+
+
+@wp.kernel
+def _turn_slices(rows: Rows, density: wp.array3d[float], smoky_inout: wp.array3d[int], slices_out: wp.array3d[float]):
+    """slices[i, k, j] = density[i, j, k], so that slices across the fastest axis have contiguous rows.
+
+    As many j at a time as fill a line of cache, so that each line is written at once; a block without smoke, now (bit 0
+    of smoky[i, block, k]) and before (bit 1), is left as it is.
+    """
+    i, block, c = wp.tid()
+    i += rows.first
+    first = block * _LINE
+    size = wp.min(_LINE, density.shape[1] - first)
+    step = density.shape[2]
+    begin = wp.max(c * rows.run, 0)
+    count = wp.min(rows.run, density.shape[2] - begin)
+    flags = _flags(smoky_inout, i, block, begin)
+    k = wp.int32(0)
+    while k < count:
+        flags[k] = (flags[k] & 1) << 1
+        k += 1
+    for j in range(size):
+        row = _row(density, (i * density.shape[1] + first + j) * step + begin)
+        k = wp.int32(0)
+        while k < count:
+            flags[k] = flags[k] | wp.where(bits(row[k]) != 0, 1, 0)
+            k += 1
+    src = _row(density, (i * density.shape[1] + first) * step + begin)
+    k = wp.int32(0)
+    while k < count:
+        if flags[k] != 0:
+            dst = _row_store(slices_out, i, begin + k, first)
+            j = wp.int32(0)
+            while j < size:
+                dst[j] = bits(src[j * step + k])
+                j += 1
+        k += 1
+
+
+@wp.kernel
+def _sum_up_blocks(rows: Rows, blocks: wp.array3d[int], smoky_out: wp.array2d[int]):
+    """smoky[k, i] = whether any block of blocks[i, :, k] has smoke now."""
+    i, _, c = wp.tid()
+    i += rows.first
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, blocks.shape[2])
+    while k < end:
+        found = wp.int32(0)
+        for block in range(blocks.shape[1]):
+            found = found | blocks[i, block, k]
+        smoky_out[k, i] = found & 1
+        k += 1
+
+
+@wp.func
+def _begin_layer(sums: wp.array3d[wp.int32], n: int, p: int, first: int, end: int):
+    """Row p of layer n starts as that of the layer before it."""
+    q = first
+    if n == 0:
+        while q < end:
+            sums[n, p, q] = 0
+            q += 1
+    else:
+        while q < end:
+            sums[n, p, q] = sums[n - 1, p, q]
+            q += 1
+
+
+@wp.func
+def _row_has_smoke(slices: Slices, z: int, i: int):
+    return i >= 0 and i < slices.smoky.shape[1] and slices.smoky[z, wp.clamp(i, 0, slices.smoky.shape[1] - 1)] > 0
+
+
+@wp.kernel
+def _shear_slices(
+    rows: Rows,
+    density: wp.array3d[float],
+    slices: Slices,
+    places: wp.array[wp.vec3],
+    layer: int,
+    summed_out: wp.array3d[float],
+):
+    """As `_march_slices` for a = 1: each slice lands shifted, with weights that are the same for all its texels."""
+    p, _, c = wp.tid()
+    p += rows.first
+    # The sums are read back as integers too: a float load might alias the store, which would stop vectorisation.
+    sums = dense_store(summed_out)
+    first = wp.max(c * rows.run, 0)
+    end = wp.min(first + rows.run, summed_out.shape[2])
+    for n in range(summed_out.shape[0]):
+        _begin_layer(sums, n, p, first, end)
+        for z in range(n * layer, wp.min(n * layer + layer, slices.smoky.shape[0])):
+            s = float(p) + places[z][1]
+            i = int(wp.floor(s))
+            shift = int(wp.floor(places[z][2]))
+            f = s - float(i)
+            g = places[z][2] - float(shift)
+            has_near = _row_has_smoke(slices, z, i)
+            has_far = _row_has_smoke(slices, z, i + 1)
+            if has_near or has_far:
+                # A row outside the slice, or without smoke, has no weight; the other stands in for it.
+                i0 = wp.where(has_near, i, i + 1)
+                i1 = wp.where(has_far, i + 1, i)
+                w0 = wp.where(has_near, 1.0 - f, 0.0)
+                w1 = wp.where(has_far, f, 0.0)
+                k0 = slices.first + z * slices.z_step + i0 * slices.s_step
+                k1 = slices.first + z * slices.z_step + i1 * slices.s_step
+                near = _row(density, k0)
+                far = _row(density, k1)
+                last = slices.size - 1
+                # The texels whose ray passes outside the first and the last cell's centre.
+                q = -1 - shift
+                if first <= q and q < end:
+                    sums[n, p, q] = bits(wp.cast(sums[n, p, q], float) + g * (w0 * near[0] + w1 * far[0]))
+                q = last - shift
+                if first <= q and q < end:
+                    edge = (1.0 - g) * (w0 * near[last] + w1 * far[last])
+                    sums[n, p, q] = bits(wp.cast(sums[n, p, q], float) + edge)
+                begin = wp.max(first, -shift)
+                count = wp.min(end, last - shift) - begin
+                near_row = _row(density, k0 + begin + shift)
+                far_row = _row(density, k1 + begin + shift)
+                row = _row_store(summed_out, n, p, begin)
+                w00 = (1.0 - g) * w0
+                w01 = g * w0
+                w10 = (1.0 - g) * w1
+                w11 = g * w1
+                m = wp.int32(0)
+                while m < count:
+                    added = (w00 * near_row[m] + w01 * near_row[m + 1]) + (w10 * far_row[m] + w11 * far_row[m + 1])
+                    row[m] = bits(wp.cast(row[m], float) + added)
+                    m += 1
+
+
+@wp.kernel
+def _march_slices(
+    rows: Rows,
+    density: wp.array3d[float],
+    slices: Slices,
+    places: wp.array[wp.vec3],
+    layer: int,
+    summed_out: wp.array3d[float],
+):
+    """summed[l, p, q] = summed[l−1, p, q] + Σ_z ρ(a_z p + b_z, a_z q + c_z, z), bilinear, over the layer's z."""
+    p, _, c = wp.tid()
+    p += rows.first
+    src = _row(density, 0)
+    sums = dense_store(summed_out)
+    first = wp.max(c * rows.run, 0)
+    end = wp.min(first + rows.run, summed_out.shape[2])
+    nt = slices.size
+    for n in range(summed_out.shape[0]):
+        _begin_layer(sums, n, p, first, end)
+        for z in range(n * layer, wp.min(n * layer + layer, slices.smoky.shape[0])):
+            place = places[z]
+            s = place[0] * float(p) + place[1]
+            i = int(wp.floor(s))
+            f = s - float(i)
+            has_near = _row_has_smoke(slices, z, i)
+            has_far = _row_has_smoke(slices, z, i + 1)
+            if has_near or has_far:
+                i0 = wp.where(has_near, i, i + 1)
+                i1 = wp.where(has_far, i + 1, i)
+                w0 = wp.where(has_near, 1.0 - f, 0.0)
+                w1 = wp.where(has_far, f, 0.0)
+                k0 = slices.first + z * slices.z_step + i0 * slices.s_step
+                k1 = slices.first + z * slices.z_step + i1 * slices.s_step
+                # Texels whose ray passes between the centres before the first and behind the last cell.
+                q = wp.max(first, int(wp.ceil((-1.0 - place[2]) / place[0])))
+                stop = wp.min(end, int(wp.ceil((float(nt) - place[2]) / place[0])))
+                wide = wp.where(nt > 1, 1.0, 0.0)
+                while q < stop:
+                    t = place[0] * float(q) + place[2]
+                    j = wp.clamp(int(t), 0, wp.max(nt - 2, 0))
+                    j1 = wp.min(j + 1, nt - 1)
+                    g0 = wp.max(1.0 - wp.abs(t - float(j)), 0.0)
+                    g1 = wide * wp.max(1.0 - wp.abs(t - float(j + 1)), 0.0)
+                    near = g0 * src[k0 + j] + g1 * src[k0 + j1]
+                    far = g0 * src[k1 + j] + g1 * src[k1 + j1]
+                    sums[n, p, q] = bits(wp.cast(sums[n, p, q], float) + (w0 * near + w1 * far))
+                    q += 1
+
+
+@wp.kernel
+def _gather_splats(
+    rows: Rows,
+    density: wp.array3d[float],
+    slices: Slices,
+    s_first: wp.array2d[int],
+    s_weight: wp.array3d[float],
+    t_first: wp.array2d[int],
+    t_weight: wp.array3d[float],
+    layer: int,
+    summed_out: wp.array3d[float],
+):
+    """summed[l, p, q] = summed[l−1, p, q] + Σ_m Σ_ij w_m(p, i) w_m(q, j) ρ(i, j, z_m), over the layer's samples m."""
+    p, _, c = wp.tid()
+    p += rows.first
+    src = _row(density, 0)
+    sums = dense_store(summed_out)
+    first = wp.max(c * rows.run, 0)
+    end = wp.min(first + rows.run, summed_out.shape[2])
+    samples = s_first.shape[0] // slices.smoky.shape[0]
+    step = layer * samples
+    for n in range(summed_out.shape[0]):
+        _begin_layer(sums, n, p, first, end)
+        for m in range(n * step, wp.min(n * step + step, s_first.shape[0])):
+            z = m // samples
+            for a in range(s_weight.shape[2]):
+                i = s_first[m, p] + a
+                weight = s_weight[m, p, a]
+                if weight > 0.0 and slices.smoky[z, i] > 0:
+                    row = slices.first + z * slices.z_step + i * slices.s_step
+                    for b in range(t_weight.shape[1]):
+                        q = first
+                        while q < end:
+                            value = weight * t_weight[m, b, q] * src[row + t_first[m, q] + b]
+                            sums[n, p, q] = bits(wp.cast(sums[n, p, q], float) + value)
+                            q += 1
+
+
+def find_smoke(launcher: Launcher, density: wp.array, slices: Slices) -> None:
+    """Sets which rows of the slices have smoke."""
+    slices.smoky.zero_()
+    depth, count = slices.smoky.shape
+    launcher.launch(_find_smoke, (count, depth, slices.size), density, slices, slices.smoky)
+
+
+def blocks_along(cells: int) -> int:
+    """Number of blocks that `turn_slices` turns rows of so many cells by."""
+    return -(-cells // _LINE)
+
+
+def turn_slices(
+    launcher: Launcher, density: wp.array, blocks_inout: wp.array, slices_out: wp.array, smoky_out: wp.array
+) -> None:
+    """Turns slices across the fastest axis, and finds which of their rows have smoke.
+
+    Args:
+        launcher: launches the kernels.
+        density: [nx, ny, nz].
+        blocks_inout: which blocks hold smoke since the last time, [nx, blocks_along(ny), nz]; zeros at first.
+        slices_out: [nx, nz, ny]; zeros at first.
+        smoky_out: of `Slices`, [nz, nx].
+    """
+    nx, blocks, nz = blocks_inout.shape
+    launcher.launch(_turn_slices, (nx, blocks, nz), density, blocks_inout, slices_out)
+    launcher.launch(_sum_up_blocks, (nx, 1, nz), blocks_inout, smoky_out)
+
+
+def project_slices(
+    launcher: Launcher, density: wp.array, slices: Slices, places: wp.array, layer: int, shifts: bool, summed: wp.array
+) -> None:
+    """Adds up slices on the buffers at the end of each layer.
+
+    Args:
+        launcher: launches the kernel.
+        density: that `slices` says how to read.
+        slices: which rows of it.
+        places: where texels sample each slice, samples at whole numbers (`Shear.slice_places`), [slices] vec3.
+        layer: slices in each layer.
+        shifts: whether texels are as wide as cells in all slices.
+        summed: Σ ρ to the end of each layer, [layers, S, T].
+    """
+    kernel = _shear_slices if shifts else _march_slices
+    _, s, t = summed.shape
+    launcher.launch(kernel, (s, 1, t), density, slices, places, layer, summed)
+
+
+def splat_slices(
+    launcher: Launcher, density: wp.array, slices: Slices, tables: list[wp.array], layer: int, summed: wp.array
+) -> None:
+    """As `project_slices`, by a splat's tables: first cells and weights along s, and along t (`splats.Taps`)."""
+    _, s, t = summed.shape
+    launcher.launch(_gather_splats, (s, 1, t), density, slices, *tables, layer, summed)
