@@ -113,6 +113,8 @@ PLUME = STAGES / "plume.usda"
         (["run", PLUME, "-o", "noise.usda/out"], "below the file"),
         (["preview", "nothere.usda"], "nothere.usda"),
         (["preview", PLUME, "--frame", "999", "--screenshot", "a.png"], "frame is 999"),
+        (["preview", PLUME, "--screenshot", "a.foo"], "screenshot is a.foo; allowed: a name that ends in .png, .jpg"),
+        (["render", PLUME, "-o", "a.foo"], "output is a.foo; allowed: a name that ends in .png"),
         (["preview", PLUME, "--size", "0x9"], "--size is 0x9"),
         (["validate", "nothere.usda"], "nothere.usda"),
     ],

@@ -51,7 +51,10 @@ def test_unset_stage_settings(tmp_path):
     assert scene == Scene(start=1, end=48, time_codes_per_second=24.0, meters_per_unit=0.01, up_axis="Y")
     assert scene.warnings == ()
     smoky = scene_of(tmp_path, DOMAIN % "", header)
-    assert smoky.warnings == ("/: no start and end time codes; 1 to 48 are used",)
+    assert smoky.warnings == (
+        "/: metersPerUnit is unset, which in USD makes a unit a centimetre: /World/Box is 0.04 × 0.04 × 0.04 m",
+        "/: no start and end time codes; 1 to 48 are used",
+    )
 
 
 def test_smoke_records(tmp_path):
@@ -277,14 +280,28 @@ def test_instances_and_references_are_followed(tmp_path):
 
 
 def test_first_camera_under_the_default_prim(tmp_path):
-    """The camera is the default prim's first; one elsewhere is taken only if there is no other."""
+    """The camera is the default prim's first, which is said; one elsewhere is taken only if there is no other."""
     other = '\ndef Camera "Aside" { float focalLength = 10 }\n'.replace(" }", "\n}")
     inside = 'def Camera "One" { float focalLength = 35\nfloat2 clippingRange = (0.1, 20) }\ndef Camera "Two" { }'
     path = write_stage(tmp_path, inside, HEADER + other)
-    camera = Scene.open(path).camera
+    scene = Scene.open(path)
+    camera = scene.camera
     assert (camera.path, camera.focal_length, camera.near, camera.far) == ("/World/One", 35.0, 0.1, 20.0)
+    used = "/World/One: of 3 cameras it is used: the first under the default prim, or else the first"
+    assert scene.warnings == (used,)
     path = write_stage(tmp_path, "", HEADER + other)
     assert Scene.open(path).camera.path == "/Aside"
+    assert Scene.open(path).warnings == ()
+
+
+def test_a_domain_stands_still(tmp_path):
+    """A domain whose transform changes in time stays where it is at the start, which is said."""
+    moving = """double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 2: (0, 4, 0) }
+        token[] xformOpOrder = ["xformOp:translate"]"""
+    scene = scene_of(tmp_path, DOMAIN % moving)
+    assert scene.domains[0].transform[3, 1] == 2.0
+    text = "/World/Box: its transform changes in time, which is not supported; it stays as it is at the start"
+    assert scene.warnings == (text,)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,8 @@ __all__ = ["live_preview", "preview"]
 
 # Voxels between samples in the window and in pictures: two look like one, and on a CPU take two thirds of the time.
 STEP, STEP_STILL = 2.0, 1.0
+# What a picture's file may end in.
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 # A picture is drawn this many times larger along each side and averaged.
 SUPERSAMPLES = 2
 
@@ -68,6 +70,8 @@ def preview(
         raise ValueError(f"{path}: frame is {frame}; allowed: {frames[0]} to {frames[-1]}")
     if quantity is not None and quantity not in QUANTITIES:
         raise ValueError(f"quantity is {quantity}; allowed: {', '.join(QUANTITIES)}")
+    if screenshot is not None and Path(screenshot).suffix.lower() not in PICTURES:
+        raise ValueError(f"screenshot is {screenshot}; allowed: a name that ends in {', '.join(PICTURES)}")
     if movie is not None:
         check_movie(Path(movie))
     rate = stage.scene.time_codes_per_second

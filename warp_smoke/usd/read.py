@@ -51,6 +51,8 @@ def read_scene(path: str | Path) -> Scene:
             allowed: one line naming file, prim and attribute.
     """
     register_schema()
+    if Path(path).is_dir():
+        raise ValueError(f"{path}: is a folder; allowed: the file of a stage")
     if not Path(path).is_file():
         raise ValueError(f"{path}: no such file")
     with _usd_messages_dropped():
@@ -91,12 +93,17 @@ def read_stage(stage: Usd.Stage, file: str) -> Scene:
     for prim in _prims(stage):
         contents.add(reader, prim)
 
+    if contents.domains and not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
+        reader.warn(stage.GetPseudoRoot(), _unset_unit(contents.domains[0], settings))
     if contents.domains and not _has_times(stage):
         reader.warn(stage.GetPseudoRoot(), f"no start and end time codes; {settings.start} to {settings.end} are used")
     if stage.HasAuthoredMetadata("framesPerSecond") and stage.GetFramesPerSecond() != stage.GetTimeCodesPerSecond():
         text = "framesPerSecond differs from timeCodesPerSecond, which is not supported; each time code is a frame"
         reader.warn(stage.GetPseudoRoot(), text)
     cameras = sorted(contents.cameras, key=lambda prim: not prim.GetPath().HasPrefix(stage.GetDefaultPrim().GetPath()))
+    if len(cameras) > 1:
+        text = f"of {len(cameras)} cameras it is used: the first under the default prim, or else the first"
+        reader.warn(cameras[0], text)
     return replace(
         settings,
         domains=contents.domains,
@@ -240,6 +247,13 @@ def _read_settings(stage: Usd.Stage, file: str) -> Scene:
             meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
             up_axis=UsdGeom.GetStageUpAxis(stage),
         )
+
+
+def _unset_unit(domain: SmokeDomain, settings: Scene) -> str:
+    """What it means for a domain that the stage does not say how long its unit is."""
+    size = np.linalg.norm(domain.transform_at(settings.start)[:3, :3], axis=1) * np.subtract(domain.upper, domain.lower)
+    metres = " × ".join(f"{length * settings.meters_per_unit:.3g}" for length in size)
+    return f"metersPerUnit is unset, which in USD makes a unit a centimetre: {domain.path} is {metres} m"
 
 
 def _has_times(stage: Usd.Stage) -> bool:

@@ -2,6 +2,7 @@
 
 from pxr import Usd, UsdGeom
 
+from warp_smoke.record import VAST, finite
 from warp_smoke.scene import Camera
 from warp_smoke.usd.names import CAMERA, TRANSFORM
 from warp_smoke.usd.reader import StageReader
@@ -18,5 +19,5 @@ def read_camera(reader: StageReader, prim: Usd.Prim) -> Camera:
     names = CAMERA | {"near": "clippingRange", "far": "clippingRange", "transform": TRANSFORM}
     with reader.naming(prim.GetPath(), names):
         lens = {field: reader.still(prim.GetAttribute(attribute)) for field, attribute in CAMERA.items()}
-        near, far = reader.still(prim.GetAttribute("clippingRange"))
+        near, far = finite(str(prim.GetPath()), "near", reader.still(prim.GetAttribute("clippingRange")), (2,), VAST)
         return Camera(path=reader.path(prim), transform=reader.transform(prim), near=near, far=far, **lens)

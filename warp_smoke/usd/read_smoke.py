@@ -23,8 +23,12 @@ def read_domain(reader: StageReader, prim: Usd.Prim) -> SmokeDomain:
     names = smoke_names("SmokeDomainAPI", SmokeDomain) | {"lower": "extent", "upper": "extent"}
     with reader.naming(prim.GetPath(), names):
         lower, upper = _read_box(reader, prim)
+        transform = reader.transform(prim)
+        if isinstance(transform, Samples):
+            reader.warn(prim, "its transform changes in time, which is not supported; it stays as it is at the start")
+            transform = transform.at(reader.start)
         fields = read_smoke_fields(reader, prim, "SmokeDomainAPI", SmokeDomain)
-        place = {"path": reader.path(prim), "transform": reader.transform(prim), "lower": lower, "upper": upper}
+        place = {"path": reader.path(prim), "transform": transform, "lower": lower, "upper": upper}
         return SmokeDomain(**place, given=frozenset(fields), **fields)
 
 

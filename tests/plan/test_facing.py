@@ -1,0 +1,46 @@
+"""A receiver that shows its back to every light bakes black, and the plan says so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import at, floor, shining
+
+import warp_smoke as ws
+from warp_smoke.simulation import Simulation
+
+LIGHTS = {
+    "point": ws.PointLight(path="/World/Lamp", transform=at(0.3, 3.0, 0.2), intensity=100.0),
+    "distant": ws.DistantLight(path="/World/Sun", transform=shining((0.3, -1.0, 0.2)), intensity=3.0),
+}
+
+
+def ground(turned_over: bool, with_normals: bool) -> ws.Surface:
+    """A floor that may be wound the other way, as a leftHanded one is whose points are not."""
+    surface = floor(2.0, texture_size=8)
+    mesh = surface.mesh
+    triangles = mesh.triangles[:, ::-1] if turned_over else mesh.triangles
+    uvs = mesh.uvs[:, ::-1] if turned_over else mesh.uvs
+    return replace(surface, mesh=ws.Mesh(mesh.points, triangles, mesh.normals if with_normals else None, uvs))
+
+
+@pytest.mark.parametrize("light", LIGHTS.values(), ids=LIGHTS)
+@pytest.mark.parametrize("turned_over", [False, True])
+@pytest.mark.parametrize("with_normals", [False, True])
+def test_black_bakes_are_warned_of(light, turned_over, with_normals):
+    """The warning is there if and only if the baked picture is black."""
+    surface = ground(turned_over, with_normals)
+    simulation = Simulation(ws.Scene(surfaces=[surface], lights=[light], end=1))
+    picture = simulation.step().pictures["/World/Floor", "lit"]
+    said = "/World/Floor: it faces away from every light; are its orientation and normals right?"
+    assert simulation.plan.warnings == ((said,) if not picture.any() else ())
+    assert picture.any() == (with_normals or not turned_over)
+
+
+def test_one_light_in_front_is_enough():
+    """A light on the other side, or one that moves, and nothing is said."""
+    surface, lamp = ground(True, False), LIGHTS["point"]
+    below = replace(lamp, path="/World/Below", transform=at(0.0, -2.0, 0.0))
+    path = ws.Samples([1.0, 2.0], np.array([at(0.0, 3.0, 0.0), at(0.0, -3.0, 0.0)]))
+    for lights in ([lamp, below], [replace(lamp, transform=path)]):
+        assert ws.make_plan(ws.Scene(surfaces=[surface], lights=lights, end=2)).warnings == ()
