@@ -418,6 +418,8 @@ def render(
         ValueError: the stage or one of its files is damaged, has no camera, or a number is not allowed.
         OSError: a file cannot be read or written.
     """
+    if Path(output).suffix.lower() != ".png":
+        raise ValueError(f"output is {output}; allowed: a name that ends in .png")
     stage, scene = open_in_own_look(path)
     if frame is None:
         frame = (scene.start + scene.end) // 2
