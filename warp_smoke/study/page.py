@@ -8,7 +8,8 @@ from string import Template
 from warp_smoke.study.case import Row, Suite, panel_error
 from warp_smoke.study.front import pareto_front
 from warp_smoke.study.plot import DARK, LIGHT, draw_diagram, picture
-from warp_smoke.study.words import duration
+from warp_smoke.study.summary import effect_costs, never_worth, pass_times
+from warp_smoke.study.words import duration, percent
 
 # A letter of a diagram is then about as large as one of the tables.
 _REM_PER_INCH = 5.6
@@ -106,12 +107,14 @@ def _section(name: str, suite: Suite, rows: Sequence[Row]) -> str:
     parts = [f'<h2 id="{name}">{escape(suite.TITLE)}</h2>']
     parts.append(f"<p>{escape(suite.explain([row for row in rows if row.failure is None]))}</p>")
     parts += _verdict(suite, rows)
+    if beaten := never_worth(suite, drawn):
+        parts.append(f'<p class="soft">Beaten everywhere here: {escape(", ".join(beaten))}.</p>')
     if drawn:
         parts.append(_diagram(suite, drawn))
         parts.append(_settings(suite, drawn))
     for problem in tables:
         found = [row for row in rows if row.problem == problem]
-        if len(found) > 1:
+        if len(found) > 1 and found[0].failure is None:
             parts.append(_effects(found))
         if found and found[0].passes:
             parts.append(_passes(found[0]))
@@ -183,34 +186,23 @@ def _settings(suite: Suite, rows: Sequence[Row]) -> str:
 
 def _effects(rows: Sequence[Row]) -> str:
     """What each effect costs: the time with everything, less that without it. The first row has everything."""
-    whole, *others = rows
-    if whole.failure is not None:
-        return ""
-    errors = list(dict.fromkeys(name for row in rows for name in row.errors))
-    head = "".join(f'<th class="n">changes {escape(name)}</th>' for name in errors)
+    names = list(dict.fromkeys(name for row in rows for name in row.errors))
+    head = "".join(f'<th class="n">changes {escape(name)}</th>' for name in names)
     lines = []
-    for row in sorted(others, key=lambda row: row.median or 0.0):
-        if row.failure is not None:
-            lines.append(
-                f'<tr><td>{escape(row.method)}</td><td class="bad long">failed: {escape(row.failure)}</td></tr>'
-            )
-            continue
-        cost = whole.median - row.median
-        share = cost / whole.median
-        bar = f'<span class="bar" style="width:{max(0.0, 8 * share):.2f}em"></span>'
+    for cost in effect_costs(rows):
+        bar = f'<span class="bar" style="width:{max(0.0, 8 * cost.share):.2f}em"></span>'
         changes = "".join(
-            f'<td class="n">{100 * row.errors[name]:.2g} %</td>' if name in row.errors else "<td></td>"
-            for name in errors
+            f'<td class="n">{percent(cost.changes[name])}</td>' if name in cost.changes else "<td></td>"
+            for name in names
         )
-        sign = "−" if cost < 0 else ""
         lines.append(
-            f'<tr><td>{escape(row.method)}</td><td class="n">{sign}{duration(abs(cost))}</td>'
-            f'<td class="n">{100 * share:.0f} %</td><td>{bar}</td>{changes}</tr>'
+            f'<tr><td>{escape(cost.effect)}</td><td class="n">{duration(cost.seconds)}</td>'
+            f'<td class="n">{100 * cost.share:.0f} %</td><td>{bar}</td>{changes}</tr>'
         )
     return (
-        f"<h3>What each effect costs</h3><p>A frame with everything takes {duration(whole.median)}. Each effect was "
-        "switched off by itself: its cost is what that saves, and beside it stands by how much the last frame then "
-        "differs.</p>"
+        "<h3>What each effect costs</h3><p>Each effect was switched off by itself: its cost is what a frame then takes "
+        "less, and beside it stands by how much the last frame then differs. What differs by less than the times of "
+        "two equal runs costs nothing that could be measured.</p>"
         '<div class="scroll"><table><tr><th>effect</th><th class="n">costs a frame</th><th class="n">share</th>'
         f"<th></th>{head}</tr>{''.join(lines)}</table></div>"
     )
@@ -218,14 +210,14 @@ def _effects(rows: Sequence[Row]) -> str:
 
 def _passes(row: Row) -> str:
     """Where the time of a frame goes."""
-    total = sum(row.passes.values())
-    large = sorted((item for item in row.passes.items() if item[1] > 0.01 * total), key=lambda item: -item[1])
+    times = pass_times(row)
+    longest = max(seconds for _, seconds in times)
     lines = "".join(
         f'<tr><td>{escape(name)}</td><td class="n">{duration(seconds)}</td>'
-        f'<td><span class="bar" style="width:{8 * seconds / total:.2f}em"></span></td></tr>'
-        for name, seconds in large
+        f'<td><span class="bar" style="width:{8 * seconds / longest:.2f}em"></span></td></tr>'
+        for name, seconds in times
     )
     return (
-        f"<h3>Time of a frame by pass: {escape(row.problem)}, {escape(_name(row).partition(', ')[2])}</h3>"
+        f"<h3>Time of a frame by pass: {escape(row.problem)}, {escape(row.method)}</h3>"
         f'<div class="scroll"><table><tr><th>pass</th><th class="n">time</th><th></th></tr>{lines}</table></div>'
     )

@@ -54,12 +54,16 @@ def _descending(points: Sequence[Row], error: str) -> list[tuple[float, float]]:
 
 def percent(share: float) -> str:
     """A share in two digits, in percent where that reads well."""
-    return f"{100 * share:.2g} %" if share >= 1e-4 else f"{share:.1e}"
+    if share == 0 or share >= 1e-4:
+        return f"{100 * share:.0f} %" if share >= 1 else f"{100 * share:.2g} %"
+    return f"{share:.1e}"
 
 
 def duration(seconds: float) -> str:
-    """A time in two to three digits."""
-    for unit, factor in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
-        if seconds >= factor:
-            return f"{seconds / factor:.3g} {unit}"
-    return f"{seconds * 1e9:.3g} ns"
+    """A time in three digits, with its sign."""
+    size = abs(seconds)
+    unit, factor = next((each for each in _UNITS if size >= each[1]), _UNITS[-1])
+    return f"{'−' if seconds < 0 else ''}{size / factor:.3g} {unit}"
+
+
+_UNITS = (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6), ("ns", 1e-9))

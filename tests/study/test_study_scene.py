@@ -1,0 +1,158 @@
+"""Studies of a stage: what is compared with what, effects, and what there is to study."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import at, floor, plume
+from study_rows import make_row
+
+import warp_smoke as ws
+from warp_smoke.lattice import Lattice
+from warp_smoke.picture import SmokeVolume
+from warp_smoke.study import study
+from warp_smoke.study.measure import measure_case
+from warp_smoke.study.outcome import Outcome, differences
+from warp_smoke.study.scene import (
+    EFFECTS,
+    EVERYTHING,
+    FINEST,
+    PRESSURE,
+    SMOKE,
+    SMOKE_SHADOWS,
+    SURFACE_SHADOWS,
+    SceneStudy,
+    recommended,
+)
+from warp_smoke.study.settings import effects_off
+
+BOX = ws.Surface(path="/World/Box", mesh=ws.Mesh.box(0.5), transform=at(1, 0.5, 0))
+
+
+def _room() -> ws.Scene:
+    """A box over a baked floor under a lamp, without smoke."""
+    return replace(plume(), domains=[], emitters=[], surfaces=[floor(), BOX])
+
+
+def _full_stage() -> ws.Scene:
+    """Smoke around a collider, a box that casts a shadow, and a camera."""
+    smoky = plume(8, 3, vorticity=0.5, temperature_cooling=0.5)
+    collider = ws.Collider(path="/World/Ball", mesh=ws.Mesh.sphere(0.3, 16), transform=at(0, 1, 0))
+    camera = ws.Camera(path="/World/Camera", transform=at(0, 1.5, 6))
+    return replace(smoky, surfaces=[floor(), BOX], colliders=[collider], camera=camera)
+
+
+def _problems(cases) -> set[str]:
+    return {case.problem for case in cases}
+
+
+def test_stage_without_smoke_studies_shadows_alone():
+    """There are shadows of surfaces and effects, and not one case of smoke."""
+    cases = SceneStudy(_room()).cases(False)
+    assert _problems(cases) == {SURFACE_SHADOWS, EFFECTS}
+    assert {case.method for case in cases if case.problem == EFFECTS} == {
+        EVERYTHING,
+        "shadows of surfaces",
+        "baked light",
+    }
+
+
+def test_stage_with_nothing_to_study_is_refused(tmp_path):
+    """A lamp over an unbaked floor gives one line, and no folder."""
+    bare = replace(_room(), surfaces=[replace(floor(), receiver=None)])
+    with pytest.raises(ValueError, match=r"^scene: stage is one without anything to study; allowed: [^\n]*$"):
+        study(bare, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_pressure_tolerance_matters_only_to_iterations():
+    """It is studied where a collider calls for an iterative solver, and not where pressure is exact."""
+    assert PRESSURE in _problems(SceneStudy(_full_stage()).cases(False))
+    assert PRESSURE not in _problems(SceneStudy(plume(8, 3)).cases(False))
+
+
+def test_large_stages_are_studied_coarser():
+    """A quick study of a domain of 512³ cells has its finest run within 2²¹ cells; a full one is twice as fine."""
+    scene = plume(512, 3)
+    finest = [case.resolution for case in SceneStudy(scene).cases(False) if case.problem == FINEST]
+    assert finest[0] ** 3 <= 2**21
+    assert [case.resolution for case in SceneStudy(scene).cases(True) if case.problem == FINEST] == [1024]
+
+
+def test_each_effect_is_switched_off():
+    """Every scene without an effect still has all other passes, and not that effect's."""
+    scene = _full_stage()
+    passes = {each.name for each in ws.make_plan(scene).passes}
+    without = effects_off(scene, ws.make_plan(scene))
+    expected = {
+        "vorticity confinement": "confine_vorticity",
+        "cooling": "cool_temperature",
+        "active box": "fit_active_box",
+        "colliders": "voxelize_colliders",
+        "shadows of surfaces": "surface_visibility",
+        "shadows of smoke": "smoke_transmittance",
+        "baked light": "bake",
+    }
+    assert without.keys() == expected.keys() | {"buoyancy"}
+    for effect, name in expected.items():
+        left = {each.name for each in ws.make_plan(without[effect]).passes}
+        assert name in passes
+        assert name not in left
+    assert "advect_density" in {each.name for each in ws.make_plan(without["vorticity confinement"]).passes}
+
+
+def test_runs_are_compared_with_the_finest(launcher):
+    """What is the same as its reference is off by 0, everything else by more; times of passes are known."""
+    suite = SceneStudy(_full_stage())
+    rows = {}
+    for case in suite.cases(False):
+        row = measure_case(launcher, case, 10.0)
+        assert row.failure is None
+        rows[row.problem, row.method, row.resolution, str(row.parameters)] = row
+    zero = {key[:2] for key, row in rows.items() if not any(row.errors.values())}
+    references = {(FINEST, "maccormack"), (EFFECTS, EVERYTHING)}
+    assert references | {(SURFACE_SHADOWS, "area"), (SMOKE_SHADOWS, "ray_traced")} <= zero
+    smoke = [row for (problem, *_), row in rows.items() if problem == SMOKE]
+    assert len(smoke) == 12
+    assert all(row.errors["density"] > 0 and row.errors["picture"] > 0 and row.repeats >= 5 for row in smoke)
+    everything = next(row for (problem, method, *_), row in rows.items() if method == EVERYTHING)
+    assert everything.passes["project_pressure"] > 0
+    assert "load_kernels" not in everything.passes
+    assert suite.recommendation(list(rows.values())).startswith("Recommended: for smoke ")
+    assert "\n" not in suite.recommendation(list(rows.values()))
+
+
+def test_differences_have_closed_forms():
+    """A tenth more smoke is 10 % off; one code of 8 bits is 1 / 255, half of the pixels by it 1 / (255 √2)."""
+    lattice = Lattice(
+        shape=(4, 4, 4), voxel_size=1, to_world=np.eye(4), meters_per_unit=1, sides=("open",) * 6, up=(0, 1, 0)
+    )
+    domain = ws.SmokeDomain(path="/Smoke")
+    density = np.random.default_rng(1).random((4, 4, 4)).astype(np.float32)
+    grey = np.full((2, 2), 100, np.uint8)
+    other = grey.copy()
+    other[0] += 1
+    fine = Outcome({"/Smoke": SmokeVolume(domain, lattice, density)}, {("/Floor", "lit"): grey}, grey)
+    found = Outcome({"/Smoke": SmokeVolume(domain, lattice, 1.1 * density)}, {("/Floor", "lit"): other}, grey + 1)
+    errors = differences(found, fine)
+    assert errors == pytest.approx({"density": 0.1, "shadows": 1 / 255 / 2**0.5, "picture": 1 / 255}, rel=1e-5)
+    assert differences(Outcome({}, {}, None), fine) == {}
+
+
+def test_recommended_is_the_cheapest_that_is_nearly_the_best():
+    """Of errors 0.3, 0.12 and 0.1 in 1, 2 and 9 s the second; an error below a code of 8 bits is as good as none."""
+    rows = [make_row(key=str(t), median=t, errors={"l2": e}) for e, t in ((0.3, 1.0), (0.12, 2.0), (0.1, 9.0))]
+    assert recommended(rows, "l2").median == 2.0
+    rows = [make_row(key=str(t), median=t, errors={"l2": e}) for e, t in ((0.1, 1.0), (0.003, 2.0), (0.0, 9.0))]
+    assert recommended(rows, "l2").median == 2.0
+
+
+def test_results_of_another_stage_are_refused(tmp_path):
+    """A changed stage in the same folder: a line that names what differs, and nothing overwritten."""
+    from warp_smoke.study.store import Store
+
+    Store(tmp_path, {"stage": "a.usda", "scene": "1"})
+    before = (tmp_path / "results.json").read_bytes()
+    with pytest.raises(ValueError, match="scene is 1; allowed: 2"):
+        Store(tmp_path, {"stage": "a.usda", "scene": "2"})
+    assert (tmp_path / "results.json").read_bytes() == before
