@@ -195,19 +195,14 @@ def test_huge_steps_stay_bounded(launcher, advection, courant):
 FREE = ("emit_density", "confine_vorticity", "project_pressure", "advect_velocity", "advect_density")
 
 
-# The cap is not exact: at this absurd strength, after cubic interpolation, a step added 3e-4 of the first energy.
-STRENGTHS = [
-    (advection, vorticity)
-    for advection in ADVECTION_SCHEMES
-    for vorticity in (0.0, 1.0, 1e6)
-    if (advection, vorticity) != ("semi_lagrangian_cubic", 1e6)
-]
-
-
-@pytest.mark.parametrize(("advection", "vorticity"), STRENGTHS)
+@pytest.mark.parametrize("advection", ADVECTION_SCHEMES)
+@pytest.mark.parametrize("vorticity", [0.0, 1.0, 1e6])
 @pytest.mark.parametrize("courant", [0.5, 20.0])
 def test_energy_never_grows_without_a_force(launcher, advection, courant, vorticity):
-    """In a closed box, from a random flow, whatever ε: kinetic energy falls from step to step, to round-off."""
+    """In a closed box, from a random flow, whatever ε: kinetic energy after projection never grows, to round-off.
+
+    That is what a step leaves and what its advection lost: the next one's confinement may give that back, no more.
+    """
     scene = plume(resolution=16, boundary=CLOSED, max_courant=courant, vorticity=vorticity)
     (plan,) = make_plan(scene).domains
     solver = SmokeSolver(launcher, replace(plan, passes=FREE, advection=advection), Timings(launcher))
@@ -218,7 +213,7 @@ def test_energy_never_grows_without_a_force(launcher, advection, courant, vortic
     h, energies = plan.lattice.h, []
     for _ in range(12):
         speed, energy = measures.motion(solver.state.velocity)
-        energies.append(energy)
+        energies.append(energy + solver.state.energy_lost)
         solver.step(1, 2, courant * h / speed)
     assert np.all(np.diff(energies) <= 1e-6 * energies[0])
     assert energies[-1] > 0.0
