@@ -15,7 +15,7 @@ from warp_smoke.files import check_folder, remove_partial, replacing, sync, writ
 from warp_smoke.fingerprint import digest
 from warp_smoke.plan import DomainPlan, ReceiverPlan, When
 from warp_smoke.record import FieldError
-from warp_smoke.report import environment
+from warp_smoke.report import environment, step_warnings
 from warp_smoke.scene import Material, Procedural, Scene
 from warp_smoke.shading.procedural import make_picture
 from warp_smoke.simulation import Frame, Simulation, Smoke
@@ -321,7 +321,12 @@ class Output:
             "plan": [each.name + (f" [{each.method}]" if each.method else "") for each in self._plan.passes],
             "device_bytes": sum(launcher.allocated.values()),
             "seconds": seconds,
-            "warnings": [*scene.warnings, *self._plan.warnings, *self._simulation.warnings],
+            "warnings": [
+                *scene.warnings,
+                *self._plan.warnings,
+                *self._simulation.warnings,
+                *step_warnings(self._frames),
+            ],
             "resumed_after": self._before.frame if self._before else None,
             "fingerprint": digest(self._fingerprint),
             "frames": self._frames,

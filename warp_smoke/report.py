@@ -6,6 +6,9 @@ from importlib.metadata import version
 from rich.console import Group
 from rich.table import Table
 
+# Share of the change by diffusion that it may be off by before it is told.
+_WORTH_A_WARNING = 0.01
+
 
 def environment() -> dict:
     """Versions, devices and threads."""
@@ -25,6 +28,27 @@ def environment() -> dict:
         "devices": [device.alias for device in wp.get_devices()],
         "threads": threads,
     }
+
+
+def step_warnings(frames: list[dict]) -> list[str]:
+    """Where solvers fell short of what was asked: pressures that did not converge, diffusion with too few sweeps.
+
+    Args:
+        frames: of a report.
+    """
+    warnings = []
+    for path in dict.fromkeys(path for frame in frames for path in frame["domains"]):
+        steps = [frame["domains"][path] for frame in frames if path in frame["domains"]]
+        pressures = [status for step in steps for status in step["pressure"]]
+        missed = [status["max_residual"] for status in pressures if not status["converged"]]
+        if missed:
+            share = f"{len(missed)} of {len(pressures)} substeps, by a residual of up to {max(missed):.2g}"
+            warnings.append(f"{path}: pressure missed its tolerance in {share}")
+        bound = max(step["diffusion"] for step in steps)
+        if bound > _WORTH_A_WARNING:
+            advice = "a larger smoke:diffusionSweeps brings it closer"
+            warnings.append(f"{path}: diffusion may be off by up to {bound:.0%} of the change it makes; {advice}")
+    return warnings
 
 
 def summary(report: dict) -> Group:
