@@ -6,7 +6,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 import warp as wp
-from scenes import at, floor, plume
+from scenes import at, floor, plume, shining
 
 import warp_smoke as ws
 from warp_smoke.kernels import kernel_modules
@@ -177,7 +177,8 @@ def test_fields_can_be_written_between_steps():
         {"pressure_solver": "multigrid"},
         {"pressure_solver": "jacobi"},
         {"surfaces": [floor(texture_size=256), CUBE]},
-        {"surfaces": ()},
+        {"grids": ("density", "light"), "surfaces": [CUBE]},
+        {"grids": ("density", "light"), "surfaces": (), "extinction_color": (1.0, 0.5, 0.2)},
     ],
     ids=lambda change: next(iter(change)),
 )
@@ -188,6 +189,28 @@ def test_memory_estimate(change):
     simulation, _ = simulate(scene, frames=1)
     allocated = sum(simulation.launcher.allocated.values())
     assert sum(simulation.plan.bytes.values()) == pytest.approx(allocated, rel=0.15)
+
+
+@pytest.mark.parametrize("smoke_shadow", ["march", "nearest", "bilinear", "gaussian", "footprint", "dpd"])
+@pytest.mark.parametrize(
+    ("shadow_filter", "direction"), [("pcss", (0.2, -1.0, 0.1)), ("exact", (0.2, -0.1, -1.0))], ids=["map", "rays"]
+)
+def test_memory_estimate_of_lights(smoke_shadow, shadow_filter, direction):
+    """Maps, masks, buffers, splats' tables, turned slices and the light grid: within 15 % of what is allocated."""
+    shadows = {"smoke_shadow": smoke_shadow, "smoke_diffusion": 0.5, "shadow_filter": shadow_filter}
+    lamp = ws.PointLight(path="/Lamp", transform=at(1.5, 3.5, 1.0), shadow_map_size=60, **shadows)
+    sun = ws.DistantLight(path="/Sun", transform=shining(direction), shadow_map_size=64, **shadows)
+    ball = ws.Surface(path="/Ball", mesh=ws.Mesh.sphere(0.3, 16), transform=at(0.5, 2.5, 0))
+    domain = {"grids": ("density", "light"), "extinction_color": (1.0, 0.5, 0.2)}
+    scene = replace(plume(resolution=24, **domain), lights=[lamp, sun], surfaces=[floor(), ball])
+    simulation, _ = simulate(scene, frames=1)
+    labels = ("shadow_map", "shadow_mask", "light_buffer", "smoke_slices", "smoke_splats", "volume_light")
+    allocated = sum(simulation.launcher.allocated[label] for label in labels)
+    allocated += 156 * sum(len(surface.mesh.triangles) for surface in scene.surfaces)  # the plan counts the hierarchy
+    without = ws.make_plan(replace(scene, domains=[replace(scene.domains[0], grids=("density",))]))
+    grid = simulation.plan.bytes["/World/Smoke"] - without.bytes["/World/Smoke"]
+    assert grid == simulation.launcher.allocated["volume_light"]
+    assert sum(simulation.plan.bytes[path] for path in ("/Lamp", "/Sun")) + grid == pytest.approx(allocated, rel=0.15)
 
 
 def test_linked_surfaces_cast_the_only_shadows():

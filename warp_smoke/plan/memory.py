@@ -1,13 +1,17 @@
 """Estimates of device memory, before anything is allocated."""
 
+from dataclasses import replace
+
+import numpy as np
 from PIL import Image
 
 from warp_smoke.material import TEXTURES, Material
 from warp_smoke.plan.passes import DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan, VolumePlan
-from warp_smoke.record import Samples
-from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, Emitter
-from warp_smoke.shadow.light_buffer import fit_shear, light_in_cells
+from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, DistantLight, Emitter, Scene
+from warp_smoke.shadow.coverage import MASK_SIZE, TILE
+from warp_smoke.shadow.light_buffer import LINE, fit_buffer, light_times
 from warp_smoke.shadow.projective import SCATTER_PARTS
+from warp_smoke.shadow.splats import SPLATS, tap_count
 
 # Floats for each cell; velocity components count as one each.
 _STATE = {"emit_density": 1, "emit_temperature": 1, "voxelize_colliders": 4, "confine_vorticity": 4, "stir_air": 3}
@@ -22,20 +26,36 @@ _SOLVER = {
 }
 _OPEN_FACES = 4  # iterative solvers need them without colliders too
 _DIFFUSION = {"spectral": 0, "jacobi": 2}
+# Of a shadow caster: three points and indices, and in Warp's hierarchy two nodes of 32 bytes, bounds and indices.
+_TRIANGLE = 48 + 108
+_LIGHT_BLOCK = 16384  # cells that `shading.volume` lights at a time
 _ADVECTION = {"semi_lagrangian": 7.0, "semi_lagrangian_cubic": 7.0, "maccormack": 16.0, "bfecc": 20.0}
 
 
 def memory_estimate(
-    domains: tuple[DomainPlan, ...], receivers: tuple[ReceiverPlan, ...], volumes: tuple[VolumePlan, ...] = ()
+    scene: Scene,
+    domains: tuple[DomainPlan, ...],
+    receivers: tuple[ReceiverPlan, ...],
+    volumes: tuple[VolumePlan, ...] = (),
 ) -> dict[str, int]:
-    """Device memory by prim path: of a domain's solver, a receiver's bake and a light's maps and buffers [bytes]."""
+    """Device memory by prim path: of a domain's solver, a receiver's bake and a light's maps and buffers [bytes].
+
+    Triangles that shadow several lights count for the first of them.
+    """
     estimate = {each.domain.path: _domain_bytes(each) for each in domains}
+    for volume in volumes:
+        estimate[volume.domain.domain.path] += _light_grid_bytes(volume)
     maps: dict[str, dict[str, int]] = {}
     for receiver in receivers:
         estimate[receiver.surface.path] = _receiver_bytes(receiver)
+    linked = set()
     for lit in (*receivers, *volumes):
         for each in lit.lights:
             known = maps.setdefault(each.light.path, {})
+            if each.surface_shadow and each.light.shadowed_by not in linked:
+                linked.add(each.light.shadowed_by)
+                casters = [s for s in scene.surfaces if each.light.may_be_shadowed_by(s.path)]
+                known["casters"] = _TRIANGLE * sum(len(s.mesh.triangles) for s in casters)
             for name, size in _light_bytes(each).items():
                 known[name] = max(size, known.get(name, 0))
     return estimate | {path: sum(each.values()) for path, each in maps.items() if each}
@@ -90,14 +110,27 @@ def _picture_bytes(materials: tuple[Material, ...]) -> int:
     return 16 * texels
 
 
+def _light_grid_bytes(plan: VolumePlan) -> int:
+    """Scratch memory for a block of cells: places, light, shares and what surfaces let through."""
+    channels = sum({3 if _channels(each) == 3 else 1 for each in plan.lights})
+    shadowed = any(each.surface_shadow for each in plan.lights)
+    return _LIGHT_BLOCK * (4 + 12 + 12 + 4 + 4 * channels + 16 * shadowed)
+
+
 def _light_bytes(plan: LightPlan) -> dict[str, int]:
-    """The light's depth map and its buffer for each domain."""
-    size = plan.light.shadow_map_size
-    faces = {"cube": 6, "spot": 1, "directional": 1}.get(plan.surface_shadow, 0)
-    found = {"map": 4 * faces * size**2} if faces else {}
+    """The light's depth map, or its mask of casters alone, and its buffer for each domain."""
+    found = {}
+    if plan.surface_shadow:
+        faces = 1 if isinstance(plan.light, DistantLight) or plan.surface_shadow == "spot" else 6
+        if plan.surface_shadow in ("exact", "area"):
+            found["map"] = 4 * faces * (MASK_SIZE // TILE) ** 2
+        else:
+            size = plan.light.shadow_map_size
+            # The list of tiles, the mask and the bound on each tile's depth.
+            found["map"] = 4 * faces * (size**2 + 3 * (-(-size // TILE)) ** 2)
     for each in plan.smoke:
         if each.method != "ray_traced":
-            found[each.domain.domain.path] = _buffer_bytes(plan, each)
+            found[f"{each.domain.domain.path} {each.method}"] = _buffer_bytes(plan, each)
     return found
 
 
@@ -113,12 +146,19 @@ def _buffer_bytes(plan: LightPlan, each: SmokeShadowPlan) -> int:
     if each.method == "dpd":
         texels = (light.smoke_shadow_size or max(lattice.shape)) ** 2
         return 4 * texels * (SCATTER_PARTS + 1 + spread)
-    transform = light.transform
-    time = transform.times[0] if isinstance(transform, Samples) else 0.0
-    shear = fit_shear(light_in_cells(light, lattice, time), lattice.shape, light.smoke_shadow_size)
-    if shear is None:
+    light = replace(light, smoke_shadow=each.method)
+    fits = [shear for time in light_times(light) if (shear := fit_buffer(light, lattice, time))]
+    if not fits:
         return 0
-    layers = -(-shear.slices // (each.layer or shear.slices))
-    rows = lattice.cells // lattice.shape[2]
-    turned = lattice.cells if shear.axis == 2 else 0
-    return 4 * (rows + turned + layers * shear.texels[0] * shear.texels[1] * (1 + spread))
+    texels = np.prod(np.max([shear.texels for shear in fits], axis=0), dtype=int)
+    splat, floats = SPLATS.get(each.method), 0
+    for shear in {shear.axis: shear for shear in fits}.values():
+        layers = -(-shear.slices // (each.layer or shear.slices))
+        sides = [n for axis, n in enumerate(lattice.shape) if axis != shear.axis]
+        floats += shear.slices * (sides[0] + 3) + layers * texels * (1 + spread)
+        if shear.axis == 2:
+            floats += lattice.cells + lattice.cells // LINE
+        if splat:
+            taps = [1 + tap_count(splat, shear, cells) for cells in sides]
+            floats += shear.slices * len(splat.depths) * int(np.dot(shear.texels, taps))
+    return 4 * floats

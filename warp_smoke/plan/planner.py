@@ -31,6 +31,6 @@ def make_plan(scene: Scene | str | Path, stirred_by: str = "") -> Plan:
     receivers = plan_receivers(ledger, scene, domains, shadows)
     volumes = plan_volumes(ledger, scene, domains, shadows)
     shadows.note_faces_left_out()
-    estimate = memory_estimate(domains, receivers, volumes)
+    estimate = memory_estimate(scene, domains, receivers, volumes)
     left_out = tuple(ledger.left_out.values())
     return Plan(scene, ledger.in_order(), left_out, domains, receivers, volumes, estimate)

@@ -12,6 +12,9 @@ import numpy as np
 # Rays of a tile of 8 × 8 texels pass through the same part of the hierarchy.
 TILE = 8
 
+# Texels that the mask of casters resolves where there is no depth map.
+MASK_SIZE = 512
+
 # Axes of each face of a cube map: s to the right, t down, and the way it looks; OpenGL's order and orientation.
 CUBE_FRAMES = np.array(
     [

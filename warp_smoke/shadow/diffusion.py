@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 import warp as wp
-from scipy import fft
 
 from warp_smoke.launch import Launcher, Rows, dense
 
@@ -67,6 +66,8 @@ class Diffusion:
         """The buffers [n, W, H] diffused, in memory of this object; `buffer` is left as it is."""
         r = self._r
         if self._method == "exact":
+            from scipy import fft  # takes 0.1 s to import, and is needed here alone
+
             spectrum = fft.dctn(buffer.numpy(), axes=(1, 2), norm="ortho")
             spectrum *= self._gain
             # e^(rΔ) of what is not negative is not negative; round-off may be.

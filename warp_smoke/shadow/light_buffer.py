@@ -23,6 +23,8 @@ from warp_smoke.scene import DistantLight, Light
 MAX_SLOPE = 4.0
 # Texels for each cell that the box is wide, at most; a near light's wide rays get coarser texels instead of more.
 _MAX_TEXELS = 3
+# Floats in a line of cache: rows of slices are turned by so many.
+LINE = 16
 # Of a Gaussian voxel, in cells: neighbours then add up to a nearly even slab.
 GAUSSIAN_WIDTH = 0.5
 # Where it is cut off, in cells: what lies beyond, 0.3 %, goes to the outermost texels, so that none is lost.

@@ -17,8 +17,6 @@ from warp_smoke.shadow.filters import spiral
 wp.set_module_options({"enable_backward": False})
 
 AREA_RAYS = 64
-# Texels that the mask of casters resolves, as those of a depth map.
-_MASK_SIZE = 512
 # Of the angle that a light fills, seen from a point: near and inside it, rays go to what is less than half of it.
 _WIDEST_SINE = wp.constant(0.99)
 
@@ -123,7 +121,7 @@ class RayTracedShadow:
         self._launcher, self._light, self._casters = launcher, light, casters
         self._receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
         self._receiver_extent = float(np.abs(self._receivers).max())
-        self._tiles = CasterTiles(launcher, 1 if isinstance(light, DistantLight) else 6, _MASK_SIZE)
+        self._tiles = CasterTiles(launcher, 1 if isinstance(light, DistantLight) else 6, coverage.MASK_SIZE)
         self._placed = None
         if light.shadow_filter == "area":
             self._disk = launcher.array(spiral(area_rays).astype(np.float32), "shadow_filter", dtype=wp.vec3)
@@ -159,7 +157,7 @@ class RayTracedShadow:
         lower, upper = corners.min(axis=0), corners.max(axis=0)
         width = max(1.001 * float((upper - lower)[:2].max()), self._offset)
         corner = 0.5 * (lower + upper)[:2] - 0.5 * width
-        tiles = coverage.covered_tiles(coverage.flat_rectangles(found, frame, corner, width), _MASK_SIZE)
+        tiles = coverage.covered_tiles(coverage.flat_rectangles(found, frame, corner, width), coverage.MASK_SIZE)
         self._tiles.place(tiles, frame[None], 0.5 * (lower + upper) @ frame, 0.5 * width, False)
 
     def _place_point(self, time: float) -> None:
@@ -175,7 +173,7 @@ class RayTracedShadow:
             nearest = float(coverage.nearest_distance(self._receivers, position).min())
             sine = min(self._radius / max(nearest, 1e-30), _WIDEST_SINE)
             found = _grown(found, self._radius / np.sqrt(1.0 - sine**2))
-        tiles = coverage.covered_tiles(coverage.cube_rectangles(found, position), _MASK_SIZE)
+        tiles = coverage.covered_tiles(coverage.cube_rectangles(found, position), coverage.MASK_SIZE)
         self._tiles.place(tiles, coverage.CUBE_FRAMES, position, 1.0, True)
 
     def _boxes(self, light: np.ndarray) -> np.ndarray:

@@ -6,13 +6,13 @@ After the shear-warp of Lacroute and Levoy (1994). Where smoke is, is found firs
 import warp as wp
 
 from warp_smoke.launch import Launcher, Rows, bits, dense_store
+from warp_smoke.shadow.light_buffer import LINE
 
 wp.set_module_options({"enable_backward": False})
 
 # Elements that are looked at before a row is known to hold smoke.
 _PEEK = wp.constant(64)
-# Floats in a line of cache.
-_LINE = wp.constant(16)
+_LINE = wp.constant(LINE)
 # Rows are looped over as views that begin at their first element: LLVM then vectorises them. Views want a length.
 _LONG = wp.constant(2**31 - 1)
 

@@ -17,7 +17,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
 
 from warp_smoke.shadow.light_buffer import GAUSSIAN_REACH, GAUSSIAN_WIDTH, Shear
 
@@ -61,6 +60,8 @@ def _bilinear(begin: np.ndarray, end: np.ndarray, a: np.ndarray) -> np.ndarray:
 
 
 def _gaussian(begin: np.ndarray, end: np.ndarray, a: np.ndarray) -> np.ndarray:
+    from scipy.special import ndtr  # takes 0.1 s to import, and is needed here alone
+
     width, reach = GAUSSIAN_WIDTH / a, GAUSSIAN_REACH / a
 
     def below(edge: np.ndarray) -> np.ndarray:
