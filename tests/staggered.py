@@ -42,14 +42,9 @@ def face_shapes(shape):
 def random_velocity(launcher, shape, seed=0, sides=OPEN):
     """Normally distributed u, v and w on the device; both copies of faces on periodic sides are the same."""
     rng = np.random.default_rng(seed)
-    components = []
-    for axis, faces in enumerate(face_shapes(shape)):
-        component = rng.standard_normal(faces).astype(np.float32)
-        if sides[2 * axis] == "periodic":
-            along = np.moveaxis(component, axis, 0)
-            along[-1] = along[0]
-        components.append(launcher.array(component, "test"))
-    return tuple(components)
+    components = [rng.standard_normal(faces).astype(np.float32) for faces in face_shapes(shape)]
+    join_seams(components, sides)
+    return tuple(launcher.array(component, "test") for component in components)
 
 
 def no_velocity(launcher, shape):
@@ -96,3 +91,11 @@ def open_shares(fluid, sides):
                 share[end] *= sides[2 * axis - end] == "open"
         shares.append(np.ascontiguousarray(np.moveaxis(share, 0, axis), np.float32))
     return shares
+
+
+def join_seams(faces, sides):
+    """Makes the last faces of periodic axes the same as the first, in place."""
+    for axis, field in enumerate(faces):
+        if sides[2 * axis] == "periodic":
+            ends = np.moveaxis(field, axis, 0)
+            ends[-1] = ends[0]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pressure_cases import closed_components, solve, solver_of, without_means
-from staggered import CLOSED, MIXED, OPEN, face_shapes, laplacian_matrix, open_shares
+from staggered import CLOSED, MIXED, OPEN, PERIODIC, SLAB, face_shapes, join_seams, laplacian_matrix, open_shares
 
 from warp_smoke.fluid.pressure.iterative import FaceWeights
 from warp_smoke.fluid.pressure.levels import level_shapes
@@ -12,17 +12,19 @@ from warp_smoke.fluid.pressure.v_cycle import VCycle
 FLOOR = ("open", "open", "closed", "open", "open", "open")
 
 
-def divergence_of(shares, fluid, seed=0):
+def divergence_of(shares, fluid, seed=0, sides=OPEN):
     """Divergence of random velocities on the open faces."""
     rng = np.random.default_rng(seed)
-    parts = [np.diff(rng.standard_normal(share.shape) * share, axis=axis) for axis, share in enumerate(shares)]
+    flow = [rng.standard_normal(share.shape) * share for share in shares]
+    join_seams(flow, sides)
+    parts = [np.diff(component, axis=axis) for axis, component in enumerate(flow)]
     return sum(parts) * fluid
 
 
 def iterations(launcher, fluid, sides, tolerance, shares=None):
     """Iterations to a tolerance that is reached."""
     solver = solver_of(launcher, "multigrid", fluid, sides, tolerance, 50, shares)
-    _, status = solve(launcher, solver, divergence_of(shares or open_shares(fluid, sides), fluid))
+    _, status = solve(launcher, solver, divergence_of(shares or open_shares(fluid, sides), fluid, sides=sides))
     assert status.converged
     return status.iterations
 
@@ -43,7 +45,9 @@ def rooms(n):
     return fluid
 
 
-@pytest.mark.parametrize("sides", [CLOSED, OPEN, FLOOR], ids=["closed", "open", "floor"])
+@pytest.mark.parametrize(
+    "sides", [CLOSED, OPEN, FLOOR, PERIODIC, SLAB], ids=["closed", "open", "floor", "periodic", "slab"]
+)
 @pytest.mark.parametrize("n", [32, 64])
 def test_box_and_ball_take_few_iterations(launcher, sides, n):
     """At most 6 to 1e-4 and 8 to 1e-6, in a closed box too, whatever the number of cells."""
@@ -112,7 +116,9 @@ def test_pressure_of_a_velocity_without_divergence_elsewhere(launcher):
     np.testing.assert_allclose(found, q, atol=5e-3)
 
 
-@pytest.mark.parametrize("sides", [CLOSED, OPEN, MIXED], ids=["closed", "open", "mixed"])
+@pytest.mark.parametrize(
+    "sides", [CLOSED, OPEN, MIXED, PERIODIC, SLAB], ids=["closed", "open", "mixed", "periodic", "slab"]
+)
 @pytest.mark.parametrize("walls", [0.0, 0.3], ids=["solids", "walls"])
 def test_cycle_is_symmetric(launcher, sides, walls):
     """With M one V-cycle, a · M b = b · M a and −a · M a > 0, for odd sizes and among solids and walls.
@@ -122,6 +128,7 @@ def test_cycle_is_symmetric(launcher, sides, walls):
     rng = np.random.default_rng(2)
     fluid = (rng.random((13, 16, 11)) > 0.2).astype(np.float64)
     shares = [share * (rng.random(share.shape) >= walls) for share in open_shares(fluid, sides)]
+    join_seams(shares, sides)
     on_device = tuple(launcher.array(share.astype(np.float32), "test") for share in shares)
     cycle = VCycle(launcher, fluid.shape, sides)
     cycle.prepare(FaceWeights(on_device, launcher.zeros(fluid.shape, "test")))
@@ -133,7 +140,7 @@ def test_cycle_is_symmetric(launcher, sides, walls):
         return z
 
     # Closed bodies of fluid have no mean.
-    a, b = (divergence_of(shares, fluid, seed) for seed in (3, 4))
+    a, b = (divergence_of(shares, fluid, seed, sides) for seed in (3, 4))
     ab, ba, aa, bb = np.sum(a * apply(b)), np.sum(b * apply(a)), np.sum(a * apply(a)), np.sum(b * apply(b))
     assert aa < 0.0
     assert bb < 0.0

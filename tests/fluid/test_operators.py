@@ -4,7 +4,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from staggered import ALL_SIDES, PERIODIC_SIDES, face_shapes, laplacian_matrix, no_velocity, random_velocity
+from staggered import (
+    ALL_SIDES,
+    PERIODIC,
+    PERIODIC_SIDES,
+    face_shapes,
+    join_seams,
+    laplacian_matrix,
+    no_velocity,
+    random_velocity,
+)
 
 from warp_smoke.fluid.operators import (
     close_sides,
@@ -83,9 +92,7 @@ def test_weighted_gradient_is_adjoint_of_weighted_divergence(launcher):
     rng = np.random.default_rng(3)
     values = rng.standard_normal(shape).astype(np.float32)
     shares = [rng.random(s).astype(np.float32) for s in face_shapes(shape)]
-    for axis, share in enumerate(shares):  # faces on periodic sides are stored twice
-        ends = np.moveaxis(share, axis, 0)
-        ends[-1] = ends[0]
+    join_seams(shares, PERIODIC)
     wx, wy, wz = (launcher.array(w, "test") for w in shares)
     fluid = launcher.array(np.ones(shape, np.float32), "test")
     solids = SimpleNamespace(fluid=fluid, wx=wx, wy=wy, wz=wz)

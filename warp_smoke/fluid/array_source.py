@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from warp_smoke.fluid.emitters import Interval
-from warp_smoke.fluid.grid import Block, inner_faces, side_faces
+from warp_smoke.fluid.grid import Block, inner_faces, seam_faces, side_faces
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.record import FieldError, value_at
@@ -81,8 +81,10 @@ class ArraySource:
         self._launcher, self._emitter = launcher, emitter
         self._fields = {name: self._take_in(name, values) for name, values in emitter.fields.items()}
         self.pushes = "velocity" in self._fields
+        place = lattice.shape, lattice.sides
         self._faces = [
-            [inner_faces(lattice.shape, axis), *side_faces(lattice.shape, lattice.sides, axis)] for axis in range(3)
+            [inner_faces(lattice.shape, axis), *side_faces(*place, axis), *seam_faces(*place, axis)]
+            for axis in range(3)
         ]
 
     def _take_in(self, name: str, values: object) -> wp.array:

@@ -5,11 +5,13 @@ from collections.abc import Sequence
 import warp as wp
 
 from warp_smoke.fluid.array_walls import ArrayWalls
-from warp_smoke.fluid.grid import Block, Box, face_shape, faces_of, hull
+from warp_smoke.fluid.grid import Block, Box, beside, face_shape, faces_of, hull, make_patch, seam_faces
+from warp_smoke.fluid.halo import copy_samples, last_faces
+from warp_smoke.fluid.images import images
 from warp_smoke.fluid.operators import close_sides, corners, face_weight, side_weights
 from warp_smoke.fluid.walls import SOLID_FRACTION, MeshWalls
 from warp_smoke.lattice import Lattice
-from warp_smoke.launch import Launcher, Rows, dense
+from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 from warp_smoke.scene import ArrayCollider, Collider
 
 wp.set_module_options({"enable_backward": False})
@@ -61,6 +63,56 @@ def _open_faces(
         if i < nx and j < ny:
             open_k = wp.min(face_weight(k, nz, lower[2], upper[2]), 1.0)
             wz_out[i, j, k] = open_k * f[i, j, wp.max(k - 1, 0)] * f[i, j, wp.min(k, nz - 1)]
+        k += 1
+
+
+@wp.kernel
+def _open_seam(rows: Rows, block: Block, fluid: wp.array3d[float], share_out: wp.array3d[float]):
+    """Sets the share to fluid_before fluid_after, the cells beside the face."""
+    i, j, c = wp.tid()
+    i += rows.first + block.first[0]
+    j += block.first[1]
+    before = beside(fluid, block.before)
+    after = beside(fluid, block.after)
+    out = dense_store(share_out)
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
+    while k < end:
+        out[i, j, k] = bits(before[i, j, k] * after[i, j, k])
+        k += 1
+
+
+@wp.func
+def _other_copy(a: wp.array3d[float], block: Block, i: int, j: int, k: int):
+    """The value of the other copy of a face on a periodic side."""
+    return a[i - block.before[0], j - block.before[1], k - block.before[2]]
+
+
+@wp.kernel
+def _close_seam(rows: Rows, block: Block, share_inout: wp.array3d[float]):
+    """Sets the share to the lesser one of the face's two copies."""
+    i, j, c = wp.tid()
+    i += rows.first + block.first[0]
+    j += block.first[1]
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
+    while k < end:
+        share_inout[i, j, k] = wp.min(share_inout[i, j, k], _other_copy(share_inout, block, i, j, k))
+        k += 1
+
+
+@wp.kernel
+def _push_seam(rows: Rows, block: Block, u_inout: wp.array3d[float]):
+    """Sets the velocity to the faster one of the face's two copies, for only one may have a solid beside it."""
+    i, j, c = wp.tid()
+    i += rows.first + block.first[0]
+    j += block.first[1]
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
+    while k < end:
+        here = u_inout[i, j, k]
+        other = _other_copy(u_inout, block, i, j, k)
+        u_inout[i, j, k] = wp.where(wp.abs(other) > wp.abs(here), other, here)
         k += 1
 
 
@@ -117,15 +169,18 @@ def open_faces(
     sides: tuple[str, ...],
     shares: tuple[wp.array, wp.array, wp.array],
 ) -> None:
-    """Opens the faces between cells of fluid and on open sides.
+    """Opens the faces between cells of fluid, across periodic sides too, and on open sides.
 
     Args:
         launcher: where it runs.
         fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz].
-        sides: open or closed for each of -x +x -y +y -z +z.
+        sides: open, closed or periodic for each of -x +x -y +y -z +z.
         shares: wx, wy, wz, the open share of each face, written.
     """
     launcher.launch(_open_faces, corners(fluid.shape), fluid, *side_weights(sides), *shares)
+    for axis, share in enumerate(shares):
+        for shape, block in seam_faces(fluid.shape, sides, axis):
+            launcher.launch(_open_seam, shape, block, fluid, share)
 
 
 def empty_solids(launcher: Launcher, solids: "Solids", field: wp.array, ambient: float) -> None:
@@ -161,10 +216,12 @@ class Solids:
             colliders: the meshes, whose thickness is in voxels, and arrays.
         """
         self._launcher, self._lattice = launcher, lattice
-        walls = [
-            (ArrayWalls if isinstance(each, ArrayCollider) else MeshWalls)(launcher, lattice, each)
-            for each in colliders
-        ]
+        walls = []
+        for each in colliders:
+            if isinstance(each, ArrayCollider):
+                walls.append(ArrayWalls(launcher, lattice, each))
+            else:
+                walls += [MeshWalls(launcher, image, each) for image in images(lattice, each)]
         self._walls = sorted(walls, key=lambda each: each.moves)
         faces = [face_shape(lattice.shape, axis) for axis in range(3)]
         self.fluid = self.held = launcher.zeros(lattice.shape, "colliders")
@@ -212,14 +269,26 @@ class Solids:
         open_faces(launcher, self.fluid, sides, shares)
         for each in walls:
             each.close(shares)
+        self._join(_close_seam, shares)
         if self.velocity is not None:
             for component in self.velocity:
                 component.zero_()
             for each in walls:
                 if each.moves:
                     each.push(self.velocity)
+            self._join(_push_seam, self.velocity)
             close_sides(launcher, sides, self.velocity)
         return hull(Box(each.lower, tuple(map(sum, zip(each.lower, each.shape, strict=True)))) for each in walls)
+
+    def _join(self, kernel: wp.Kernel, fields: tuple[wp.array, wp.array, wp.array]) -> None:
+        """Makes one of the two copies of each face on periodic sides, for only one may be in the box of a wall."""
+        shape, sides = self._lattice.shape, self._lattice.sides
+        for axis, field in enumerate(fields):
+            if sides[2 * axis] == "periodic":
+                last = last_faces(shape, axis)
+                self._launcher.launch(kernel, *last, field)
+                first = make_patch((0, 0, 0), last.shape, *(2 * (-last.block.before,)))
+                copy_samples(self._launcher, [first], field, field)
 
     def apply(self, velocity: tuple[wp.array, wp.array, wp.array]) -> None:
         """Gives faces that are not open the velocity of the solid there (0 on closed sides of the domain).

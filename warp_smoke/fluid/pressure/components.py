@@ -126,6 +126,21 @@ def label_components(fluid: np.ndarray, shares: tuple[np.ndarray, np.ndarray, np
     return body[labels], found - 1
 
 
+def _join_across_seams(
+    labels: np.ndarray, found: int, shares: list[np.ndarray], sides: tuple[str, ...]
+) -> tuple[np.ndarray, int]:
+    """Numbers bodies as one that meet through an open face on a periodic side."""
+    pairs = [(np.zeros(0, int),) * 2]
+    for axis, share in enumerate(shares):
+        if sides[2 * axis] == "periodic":
+            meets = share.take(0, axis) > 0.0
+            pairs.append((labels.take(0, axis)[meets], labels.take(-1, axis)[meets]))
+    a, b = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
+    graph = scipy.sparse.coo_array((np.ones(len(a), bool), (a, b)), shape=(found + 1, found + 1))
+    count, body = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    return body[labels], count - 1
+
+
 class ClosedComponents:
     """The components of fluid, connected through open faces, that no open side touches.
 
@@ -137,7 +152,7 @@ class ClosedComponents:
 
         Args:
             launcher: where it runs.
-            sides: open or closed for each of -x +x -y +y -z +z.
+            sides: open, closed or periodic for each of -x +x -y +y -z +z.
             fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz]; `find` looks at what it has become.
         """
         self._launcher, self._sides, self._fluid = launcher, sides, fluid
@@ -156,6 +171,8 @@ class ClosedComponents:
             shares: wx, wy, wz, the open share of each face, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1].
             solids: cells outside of which all are fluid and no face is closed but on sides of the domain.
         """
+        if "periodic" in self._sides:  # the fluid around solids at one end may be divided by those at the other
+            solids = Box((0, 0, 0), self._fluid.shape)
         # Around the solids lies a layer of fluid that is connected just as all the fluid beyond it.
         shape, part = self._fluid.shape, grown(solids, 1, self._fluid.shape)
         cells = tuple(slice(*ends) for ends in zip(*part, strict=True))
@@ -164,6 +181,8 @@ class ClosedComponents:
             for axis, share in enumerate(shares)
         ]
         labels, found = label_components(self._fluid.numpy()[cells], faces)
+        if "periodic" in self._sides:
+            labels, found = _join_across_seams(labels, found, faces, self._sides)
         closed, goes_on = np.ones(found + 1, bool), np.zeros(found + 1, bool)
         closed[0] = False
         for side, token in enumerate(self._sides):

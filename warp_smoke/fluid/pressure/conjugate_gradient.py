@@ -152,6 +152,7 @@ class ConjugateGradientPressure(IterativePressure):
             share = product / before if iteration else 0.0
             args = (preconditioner.correction, self._fluid, preconditioner.border, share, direction)
             launch(_turn, self._problem.shape, *args)
+            self._fill_ghosts()
             launch(_apply_laplacian, sums.launch_shape, direction, *operator, self._change, sums.parts)
             curvature = sums.sum(0)
             if not curvature < 0.0:

@@ -1,7 +1,8 @@
 """What the iterative pressure solvers share: the operator around solids, the residual, and when to stop.
 
 The operator has a weight for each face, the share of it that is open: L q = Σ a w (q_neighbour − q), with a = 1 between
-cells and 2 on an open side, where q = 0 outside.
+cells, also across periodic sides, and 2 on an open side, where q = 0 outside. Padded pressures have a layer of zeros
+around the cells, or of ghosts beyond periodic sides.
 """
 
 from abc import ABC, abstractmethod
@@ -11,7 +12,8 @@ from typing import NamedTuple
 import warp as wp
 
 from warp_smoke.fluid.colliders import open_faces
-from warp_smoke.fluid.grid import Box
+from warp_smoke.fluid.grid import Box, ghost_samples
+from warp_smoke.fluid.halo import copy_samples
 from warp_smoke.fluid.operators import face_weight, side_weights
 from warp_smoke.fluid.pressure.components import ClosedComponents
 from warp_smoke.fluid.pressure.status import PressureProblem, PressureStatus
@@ -190,6 +192,8 @@ class IterativePressure(ABC):
         shape, solids = problem.shape, problem.solids
         self._source, self._residual = (launcher.zeros(shape, "pressure") for _ in range(2))
         self._padded = launcher.zeros(tuple(n + 2 for n in shape), "pressure")
+        layers = tuple(int(side == "periodic") for side in problem.sides[0::2])
+        self._ghosts = ghost_samples(self._padded.shape, layers)
         self._sums = Sums(launcher, shape, 3, "pressure")
         centre = launcher.zeros(shape, "pressure")
         self._prepared_for = None  # `solids.changes` at that time
@@ -257,10 +261,15 @@ class IterativePressure(ABC):
     def _restart(self, pressure: wp.array) -> Residual:
         """Pads a pressure and measures its true residual, for iterations to go on from."""
         self._launcher.launch(_start, self._problem.shape, self._fluid, pressure, self._padded)
+        self._fill_ghosts()
         operator = (*self._operator.shares, self._operator.centre)
         args = (self._padded, self._source, *operator, self._residual, self._sums.parts)
         self._launcher.launch(_measure_residual, self._sums.launch_shape, *args)
         return self._read_residual()
+
+    def _fill_ghosts(self) -> None:
+        """Makes the padded pressure go on beyond periodic sides."""
+        copy_samples(self._launcher, self._ghosts, self._padded, self._padded)
 
     def _read_residual(self) -> Residual:
         return Residual(self._sums.largest(1), sqrt(self._sums.sum(0)), self._sums.largest(2))

@@ -11,6 +11,8 @@ import numpy as np
 import scipy.sparse
 import warp as wp
 
+from warp_smoke.fluid.grid import Patch, ghost_samples, make_patch
+from warp_smoke.fluid.halo import copy_samples, last_faces
 from warp_smoke.fluid.operators import side_weights
 from warp_smoke.fluid.pressure.iterative import FaceWeights
 from warp_smoke.launch import Launcher, Rows
@@ -211,6 +213,7 @@ class Level(NamedTuple):
         source: d.
         e, other: the correction, before and after a sweep.
         weights: w across x, y and z; None on a finest level without walls between its cells, which needs none.
+        ghosts: the cells beyond periodic sides, which repeat those at the other end.
     """
 
     shape: _Shape
@@ -219,16 +222,17 @@ class Level(NamedTuple):
     e: wp.array
     other: wp.array
     weights: _Weights | None
+    ghosts: list[Patch]
 
 
 def level_shapes(shape: _Shape, sides: tuple[str, ...]) -> list[_Shape]:
     """Cells along each axis on each level.
 
     Beyond a closed side a coarse cell may stick out, as if into a solid. An open side has its p = 0 half a coarse cell
-    from the last centre or farther, up to 1 ½.
+    from the last centre or farther, up to 1 ½. Around periodic axes levels end before one with an odd number of cells.
     """
     shapes = [shape]
-    while prod(shapes[-1]) > FEW_CELLS:
+    while prod(shapes[-1]) > FEW_CELLS and not _is_odd_ring(shapes[-1], sides):
         coarse = tuple(n // 2 if sides[2 * axis + 1] == "open" else (n + 1) // 2 for axis, n in enumerate(shapes[-1]))
         if 0 in coarse:
             break
@@ -236,11 +240,17 @@ def level_shapes(shape: _Shape, sides: tuple[str, ...]) -> list[_Shape]:
     return shapes
 
 
+def _is_odd_ring(shape: _Shape, sides: tuple[str, ...]) -> bool:
+    """Whether the cells around a periodic axis cannot be taken two by two, or would become one."""
+    return any(side == "periodic" and (n % 2 or n == 2) for n, side in zip(shape, sides[0::2], strict=True))
+
+
 class GridLevels:
     """All levels.
 
     Attributes:
         levels: the finest first.
+        ends_early: whether the last is not small, for the cells around a periodic axis cannot be taken two by two.
     """
 
     def __init__(self, launcher: Launcher, shape: _Shape, sides: tuple[str, ...]):
@@ -249,13 +259,17 @@ class GridLevels:
         Args:
             launcher: where it runs.
             shape: cells along each axis (nx, ny, nz).
-            sides: open or closed for each of -x +x -y +y -z +z.
+            sides: open, closed or periodic for each of -x +x -y +y -z +z.
         """
         self._launcher, self._sides = launcher, sides
         self.levels = []
+        layers = tuple(int(side == "periodic") for side in sides[0::2])
         for number, cells in enumerate(level_shapes(shape, sides)):
             arrays = [self._zeros(cells) for _ in range(4)]
-            self.levels.append(Level(cells, *arrays, self._faces(cells) if number else None))
+            ghosts = ghost_samples(tuple(n + 2 for n in cells), layers)
+            self.levels.append(Level(cells, *arrays, self._faces(cells) if number else None, ghosts))
+        last = self.levels[-1].shape
+        self.ends_early = prod(last) > FEW_CELLS and _is_odd_ring(last, sides)
         self._finest_weights = None  # allocated when they are needed
         self._marks = launcher.zeros(shape, "pressure")
 
@@ -273,11 +287,13 @@ class GridLevels:
         weights = self._finest_weights or borrowed
         self._copy_weights(operator, weights)
         self._launcher.launch(_invert_diagonal, finest.shape, *weights, finest.inverse)
+        copy_samples(self._launcher, finest.ghosts, finest.inverse, finest.inverse)
         walls = self._mark(_mark_walls, finest._replace(weights=weights), finest.shape)
         direct = len(self.levels) == 1
         few = walls <= _FEW_WALLS * prod(finest.shape) ** (2 / 3)
         if walls and few and not direct:
             self._launcher.launch(_open_walls, finest.shape, finest.inverse, *weights)
+            self._join_seams(finest.shape, weights)
             self._launcher.launch(_invert_diagonal, finest.shape, *weights, finest.inverse)
         needed = direct or not few  # the direct solver reads them
         if needed and self._finest_weights is None:
@@ -308,6 +324,14 @@ class GridLevels:
             args = (share, wp.vec3i(*_UNITS[axis]), lower[axis], upper[axis], weights)
             self._launcher.launch(_copy_weights, share.shape, *args)
 
+    def _join_seams(self, shape: _Shape, weights: _Weights) -> None:
+        """Gives the last faces of periodic axes the weights of the first, which they are."""
+        for axis, w in enumerate(weights):
+            if self._sides[2 * axis] == "periodic":
+                last = last_faces(shape, axis)
+                first = tuple(n + 1 for n in last.block.first)
+                copy_samples(self._launcher, [make_patch(first, last.shape, *(2 * (last.block.before,)))], w, w)
+
     def _mark(self, kernel: wp.Kernel, level: Level, shape: _Shape) -> int:
         """How many cells, or blocks of them, a kernel marks on a level."""
         self._launcher.launch(kernel, shape, *level.weights, level.inverse, self._marks)
@@ -315,7 +339,7 @@ class GridLevels:
 
     def _upper_factor(self, number: int, axis: int) -> float:
         """Weight of the upper side on a level, over that of the fine face in its place."""
-        if self._sides[2 * axis + 1] == "closed":
+        if self._sides[2 * axis + 1] != "open":
             return 1.0
         n = self.levels[0].shape[axis]
 
@@ -327,17 +351,27 @@ class GridLevels:
         return (distance(number - 1) if even else 1.0) / distance(number)
 
 
-def level_matrix(level: Level) -> scipy.sparse.csr_array:
-    """−L over the cells of the level's arrays, those around it too: their rows are empty."""
+def level_matrix(level: Level, sides: tuple[str, ...]) -> scipy.sparse.csr_array:
+    """−L over the cells of a level's arrays, between such sides; those around it are among them, with empty rows."""
     size, (_, ny, nz) = level.inverse.size, level.inverse.shape
     inner = np.zeros(level.inverse.shape, bool)
     inner[tuple(slice(1, n + 1) for n in level.shape)] = True
     inner = inner.ravel()
+    same = np.arange(size).reshape(level.inverse.shape)  # as a cell that is a ghost
+    for axis, n in enumerate(level.shape):
+        if sides[2 * axis] == "periodic":
+            along = np.moveaxis(same, axis, 0)
+            along[0] = along[n]
+    same = same.ravel()
     diagonal, rows, columns, values = np.zeros(size), [], [], []
-    for weights, stride in zip(level.weights, (ny * nz, nz, 1), strict=True):
-        w = weights.numpy().ravel()
+    for axis, (weights, stride) in enumerate(zip(level.weights, (ny * nz, nz, 1), strict=True)):
+        w = weights.numpy()
+        if sides[2 * axis] == "periodic":  # its last faces are the first again
+            w = w.copy()
+            np.moveaxis(w, axis, 0)[level.shape[axis] + 1] = 0.0
+        w = w.ravel()
         here = np.flatnonzero(w)
-        below, w = here - stride, w[here].astype(np.float64)
+        below, w = same[here - stride], w[here].astype(np.float64)
         for cells in (here, below):
             diagonal += np.bincount(cells, weights=w * inner[cells], minlength=size)
         between = inner[here] & inner[below]

@@ -86,6 +86,38 @@ def _relax_color(
 
 
 @wp.kernel
+def _relax_third(
+    rows: Rows,
+    last: wp.vec3i,
+    color: int,
+    divergence: wp.array3d[float],
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    centre: wp.array3d[float],
+    weight: float,
+    padded_inout: wp.array3d[float],
+):
+    """As `_relax_color` where (a_i + b_j + c_k) mod 3 = color: each is the index mod 2, or 2 where it is `last`."""
+    i, j, c = wp.tid()
+    i += rows.first
+    q = dense(padded_inout)
+    d = dense(divergence)
+    ox = dense(wx)
+    oy = dense(wy)
+    oz = dense(wz)
+    middle = dense(centre)
+    across = wp.where(i == last[0], 2, i % 2) + wp.where(j == last[1], 2, j % 2)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, divergence.shape[2])
+    while k < end:
+        if (across + wp.where(k == last[2], 2, k % 2)) % 3 == color:
+            change = laplacian(q, ox, oy, oz, middle, i, j, k) - d[i, j, k]
+            q[i + 1, j + 1, k + 1] = _relaxed(q[i + 1, j + 1, k + 1], change, middle[i, j, k], weight)
+        k += 1
+
+
+@wp.kernel
 def _copy_inner(rows: Rows, padded: wp.array3d[float], q_out: wp.array3d[float]):
     """Copies q out of the layer of zeros around it."""
     i, j, c = wp.tid()
@@ -127,6 +159,7 @@ class JacobiPressure(_Relaxation):
         self._other = launcher.zeros(self._padded.shape, "pressure")
 
     def _sweep(self) -> None:
+        self._fill_ghosts()
         operator = (*self._operator.shares, self._operator.centre)
         args = (self._padded, self._source, *operator, JACOBI_WEIGHT, self._other)
         self._launcher.launch(_relax, self._problem.shape, *args)
@@ -134,18 +167,31 @@ class JacobiPressure(_Relaxation):
 
 
 class RedBlackPressure(_Relaxation):
-    """Over-relaxation of red, then black cells, by the weight that is best in the box without solids."""
+    """Over-relaxation of red, then black cells, by the weight that is best in the box without solids.
+
+    Around a periodic axis with an odd number of cells a chessboard does not close: there cells have three colors.
+    """
 
     def __init__(self, launcher: Launcher, problem: PressureProblem):
         """Allocates."""
         super().__init__(launcher, problem)
         self._weight = over_relaxation(problem)
+        self._is_odd_ring = any(
+            n % 2 and side == "periodic" for n, side in zip(problem.shape, problem.sides[0::2], strict=True)
+        )
+        # The last cells of such axes, or none.
+        ends = zip(problem.shape, problem.sides[0::2], strict=True)
+        self._last = wp.vec3i(*(n - 1 if n % 2 and side == "periodic" else -1 for n, side in ends))
 
     def _sweep(self) -> None:
-        for color in (0, 1):
-            operator = (*self._operator.shares, self._operator.centre)
+        operator = (*self._operator.shares, self._operator.centre)
+        for color in range(3 if self._is_odd_ring else 2):
+            self._fill_ghosts()
             args = (color, self._source, *operator, self._weight, self._padded)
-            self._launcher.launch(_relax_color, self._problem.shape, *args)
+            if self._is_odd_ring:
+                self._launcher.launch(_relax_third, self._problem.shape, self._last, *args)
+            else:
+                self._launcher.launch(_relax_color, self._problem.shape, *args)
 
 
 def over_relaxation(problem: PressureProblem) -> float:

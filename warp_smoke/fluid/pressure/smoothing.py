@@ -6,6 +6,7 @@ weights: so on a level without them.
 
 import warp as wp
 
+from warp_smoke.fluid.halo import copy_samples
 from warp_smoke.fluid.pressure.levels import Level
 from warp_smoke.fluid.pressure.sums import Sums, dense_parts
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
@@ -263,8 +264,14 @@ def start(launcher: Launcher, level: Level, residual: wp.array, weight: float) -
     launcher.launch(_start, level.shape, residual, level.inverse, weight, level.source, level.e)
 
 
+def fill_ghosts(launcher: Launcher, level: Level, a: wp.array) -> None:
+    """Makes a field of a level go on beyond periodic sides."""
+    copy_samples(launcher, level.ghosts, a, a)
+
+
 def sweep(launcher: Launcher, level: Level, e: wp.array, weight: float, e_out: wp.array) -> None:
     """Sets e_out to e after one weighted Jacobi sweep."""
+    fill_ghosts(launcher, level, e)
     if level.weights is None:
         launcher.launch(_sweep, level.shape, e, level.source, level.inverse, weight, e_out)
     else:
@@ -275,6 +282,7 @@ def sweep(launcher: Launcher, level: Level, e: wp.array, weight: float, e_out: w
 def sweep_and_sum(launcher: Launcher, level: Level, e: wp.array, weight: float, e_out: wp.array, sums: Sums) -> None:
     """As `sweep`, and sums Σ d e_out."""
     if level.weights is None:
+        fill_ghosts(launcher, level, e)
         args = (e, level.source, level.inverse, weight, e_out, sums.parts)
         launcher.launch(_sweep_and_sum, sums.launch_shape, *args)
     else:
@@ -284,6 +292,7 @@ def sweep_and_sum(launcher: Launcher, level: Level, e: wp.array, weight: float, 
 
 def measure(launcher: Launcher, level: Level, e: wp.array, residual_out: wp.array) -> None:
     """Sets residual_out to d − L e."""
+    fill_ghosts(launcher, level, e)
     if level.weights is None:
         launcher.launch(_measure, level.shape, e, level.source, level.inverse, residual_out)
     else:

@@ -187,13 +187,16 @@ class SplitLevels:
         self._count = 0
         self._direct = None  # L⁺ of the last level
 
-    def prepare(self, matrix: scipy.sparse.csr_array, position: np.ndarray, upper: np.ndarray) -> None:
+    def prepare(
+        self, matrix: scipy.sparse.csr_array, position: np.ndarray, upper: np.ndarray, period: np.ndarray
+    ) -> None:
         """Makes the levels below a level.
 
         Args:
             matrix: −L of that level, [n, n]; rows of cells without open faces are empty.
             position: of its cells, [n, 3].
             upper: position along each axis from which on cells have no coarse cell, as an open side is there.
+            period: cells after which the first follows again along each axis, 0 where none does.
         """
         self._count = 0
         while True:
@@ -203,12 +206,12 @@ class SplitLevels:
             members = _members(matrix, position, upper)
             if members.shape[1] == 0 or members.shape[1] > 0.8 * cells:
                 break
-            coarse, prolongation, position = _coarsen(matrix, position, members)
+            coarse, prolongation, position = _coarsen(matrix, position, members, period)
             if self._count == len(self._lists):
                 self._lists.append(_List(self._launcher))
             self._lists[self._count].assign(coarse, (0.5 * prolongation.T).tocsr(), prolongation)
             self._count += 1
-            matrix, upper = coarse, upper // 2
+            matrix, upper, period = coarse, upper // 2, (period + 1) // 2
         self._solvable = 0 < matrix.shape[0] <= _GRAIN
         if self._solvable and self._count:
             if self._direct is None:
@@ -283,7 +286,7 @@ def _members(matrix, position: np.ndarray, upper: np.ndarray) -> scipy.sparse.cs
     return scipy.sparse.csr_array((np.ones(len(used)), (used, column)), shape=shape)
 
 
-def _coarsen(matrix, position: np.ndarray, members: scipy.sparse.csr_array) -> tuple:
+def _coarsen(matrix, position: np.ndarray, members: scipy.sparse.csr_array, period: np.ndarray) -> tuple:
     """−L of the coarse level, the prolongation to the fine one, and the coarse positions.
 
     Weights are means of four; a fine cell takes E + ¼ Σ W (E_neighbour − E) over the coarse neighbours on its side.
@@ -296,6 +299,9 @@ def _coarsen(matrix, position: np.ndarray, members: scipy.sparse.csr_array) -> t
     coarse_position[columns] = position[rows] // 2
     links = coarse.tocoo()
     step = coarse_position[links.col] - coarse_position[links.row]
+    for axis, n in enumerate((period + 1) // 2):
+        if n:  # around a periodic axis, the shorter way
+            step[:, axis] = (step[:, axis] + n // 2) % n - n // 2
     neighbours = scipy.sparse.csr_array(members.shape)
     for axis in range(3):
         # Neighbours one further along this axis, and none along the others; for cells on that side.

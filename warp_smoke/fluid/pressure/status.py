@@ -15,7 +15,7 @@ class PressureProblem:
 
     Attributes:
         shape: cells along each axis (nx, ny, nz).
-        sides: open or closed for each of -x +x -y +y -z +z.
+        sides: open, closed or periodic for each of -x +x -y +y -z +z.
         solids: the domain's solids, or None.
         tolerance: of iterative solvers: largest |r| and rms r, relative to those of zero pressure.
         max_iterations: of iterative solvers.

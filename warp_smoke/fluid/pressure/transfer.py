@@ -3,6 +3,7 @@
 import warp as wp
 
 from warp_smoke.fluid.pressure.levels import Level
+from warp_smoke.fluid.pressure.smoothing import fill_ghosts
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
@@ -118,12 +119,14 @@ def _prolong(
         k += 1
 
 
-def restrict(launcher: Launcher, residual: wp.array, coarse: Level, weight: float) -> None:
-    """Sets d of the next level from a residual, and its e by the first sweep from 0."""
+def restrict(launcher: Launcher, level: Level, residual: wp.array, coarse: Level, weight: float) -> None:
+    """Sets d of the next level from a residual of one, and its e by the first sweep from 0."""
+    fill_ghosts(launcher, level, residual)
     args = (residual, *coarse.weights, coarse.inverse, weight, coarse.source, coarse.e)
     launcher.launch(_restrict, coarse.shape, *args)
 
 
 def prolong(launcher: Launcher, coarse: Level, level: Level, e: wp.array, e_out: wp.array) -> None:
     """Sets e_out to e plus the correction from the next level."""
+    fill_ghosts(launcher, coarse, coarse.e)
     launcher.launch(_prolong, level.shape, coarse.e, *coarse.weights, level.inverse, e, e_out)

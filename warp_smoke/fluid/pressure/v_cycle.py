@@ -60,8 +60,11 @@ class VCycle:
         Args:
             launcher: where it runs.
             shape: cells along each axis (nx, ny, nz).
-            sides: open or closed for each of -x +x -y +y -z +z.
+            sides: open, closed or periodic for each of -x +x -y +y -z +z.
         """
+        # Around an axis of one cell nothing flows by itself.
+        thin = [n == 1 and side == "periodic" for n, side in zip(shape, sides[0::2], strict=True)]
+        sides = tuple("closed" if thin[number // 2] else side for number, side in enumerate(sides))
         self._launcher, self._sides = launcher, sides
         self._grid = GridLevels(launcher, shape, sides)
         self._levels = self._grid.levels  # those before the levels of `_split`
@@ -77,16 +80,19 @@ class VCycle:
         levels = self._grid.levels
         self._levels = levels[: self._count_unsplit()]
         last = self._levels[-1]
-        if len(self._levels) < len(levels):
+        self._splits = len(self._levels) < len(levels) or self._grid.ends_early
+        if self._splits:
             if self._split is None:
                 self._split = SplitLevels(self._launcher, (_WEAK, _STRONG))
-            matrix = level_matrix(last)
+            matrix = level_matrix(last, self._sides)
             position = np.stack(np.unravel_index(np.arange(matrix.shape[0]), last.inverse.shape), axis=1) - 1
-            ends = zip(last.shape, self._sides[1::2], strict=True)
-            self._split.prepare(matrix, position, np.array([n - n % 2 if side == "open" else n for n, side in ends]))
+            ends = list(zip(last.shape, self._sides[1::2], strict=True))
+            upper = np.array([n - n % 2 if side == "open" else n for n, side in ends])
+            period = np.array([n if side == "periodic" else 0 for n, side in ends])
+            self._split.prepare(matrix, position, upper, period)
         elif self._direct is not None:
             cells = np.ravel_multi_index(np.indices(last.shape).reshape(3, -1) + 1, last.e.shape)
-            self._direct.assign(pseudo_inverse(-level_matrix(last)[cells][:, cells].toarray()))
+            self._direct.assign(pseudo_inverse(-level_matrix(last, self._sides)[cells][:, cells].toarray()))
 
     def _count_unsplit(self) -> int:
         """Levels down to the first with blocks that walls split.
@@ -115,7 +121,7 @@ class VCycle:
         for level, coarse in pairwise(levels):
             sweep(launcher, level, level.e, _STRONG, level.other)
             measure(launcher, level, level.other, level.e)
-            restrict(launcher, level.e, coarse, _WEAK)
+            restrict(launcher, level, level.e, coarse, _WEAK)
         self._solve_last(levels[-1])
         for coarse, level in pairwise(reversed(levels)):
             sweep(launcher, coarse, coarse.other, _WEAK, coarse.e)
@@ -127,7 +133,7 @@ class VCycle:
     def _solve_last(self, last: Level) -> None:
         """Solves the last level but for its last sweep: in `other`."""
         launcher = self._launcher
-        if len(self._levels) < len(self._grid.levels):
+        if self._splits:
             sweep(launcher, last, last.e, _STRONG, last.other)
             measure(launcher, last, last.other, last.e)
             self._split.correct(last.e.flatten(), last.other.flatten(), last.e.flatten())
