@@ -1,6 +1,7 @@
 """Triangle meshes as the passes need them, and the simple solids (USD's gprims) as such meshes."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -72,6 +73,21 @@ class Mesh(Record):
         """Whether the points move, or the normals."""
         changing = (value for value in (self.points, self.normals) if isinstance(value, Samples))
         return any(np.ptp(value.values, axis=0).any() for value in changing)
+
+    @cached_property
+    def welded(self) -> np.ndarray:
+        """The triangles with points that always lie together counted as one, [m, 3]."""
+        every = each_value(self.points)
+        tracks = np.moveaxis(every, 1, 0).reshape(every.shape[1], every.shape[0] * 3)
+        _, point = np.unique(tracks, axis=0, return_inverse=True)
+        return point.ravel()[self.triangles]
+
+    @cached_property
+    def is_closed(self) -> bool:
+        """Whether every edge is met by as many triangles in one direction as in the other, so that nothing leaks."""
+        edges = self.welded[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        _, edge = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
+        return not np.bincount(edge.ravel(), weights=np.sign(edges[:, 1] - edges[:, 0])).any()
 
     @classmethod
     def box(cls, size=(2.0, 2.0, 2.0), lower=None) -> "Mesh":

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from real_meshes import asset
 from staggered import lattice_of
 
-from warp_smoke.fluid.lattice_mesh import is_closed
 from warp_smoke.fluid.voxelize import MeshVoxels, share_behind_plane
 from warp_smoke.geometry import Mesh
 from warp_smoke.launch import Launcher, Rows
@@ -138,7 +137,7 @@ def test_volume_of_real_meshes(launcher, name, limit):
     The limits are the errors measured (0.48 %, 1.22 %, 0.42 %) rounded up; order 2 brings them below ½ % at 64 cells.
     """
     mesh, lattice = asset(name), cube_of(32)
-    assert is_closed(mesh)
+    assert mesh.is_closed
     volume = whole(voxels_of(launcher, lattice, mesh), lattice).sum() * lattice.voxel_size**3
     assert volume == pytest.approx(volume_of(mesh), rel=limit)
 
@@ -151,7 +150,7 @@ def test_rows_of_closed_meshes_share_signs(launcher):
     other = voxels_of(launcher, lattice, mesh, turned)
     # Opened by one triangle without area, the mesh counts as not closed, and every cell is queried.
     split = Mesh(mesh.points, np.concatenate([mesh.triangles, [[0, 1, 2]], [[0, 1, 2]]]))
-    assert not is_closed(split)
+    assert not split.is_closed
     np.testing.assert_array_equal(whole(voxels_of(launcher, lattice, split), lattice), whole(one, lattice))
     a, b = whole(one, lattice), whole(other, lattice)
     np.testing.assert_allclose(b.transpose(2, 0, 1), a, atol=1e-4)
@@ -160,16 +159,16 @@ def test_rows_of_closed_meshes_share_signs(launcher):
 def test_is_closed():
     """Closed solids count as closed, also with points split at edges; sheets, holes and turned triangles do not."""
     for mesh in (Mesh.box(), Mesh.sphere(), Mesh.cylinder(), Mesh.cone(), Mesh.capsule()):
-        assert is_closed(mesh)
-    assert not is_closed(Mesh.grid((0, 0, 0), (1, 0, 0), (0, 1, 0)))
+        assert mesh.is_closed
+    assert not Mesh.grid((0, 0, 0), (1, 0, 0), (0, 1, 0)).is_closed
     box = Mesh.box()
-    assert not is_closed(Mesh(box.points, box.triangles[1:]))
+    assert not Mesh(box.points, box.triangles[1:]).is_closed
     turned = box.triangles.copy()
     turned[0] = turned[0, ::-1]
-    assert not is_closed(Mesh(box.points, turned))
+    assert not Mesh(box.points, turned).is_closed
     moved = np.stack([box.points, box.points])
     moved[1, 0] += 0.5  # a corner comes off its neighbours
-    assert not is_closed(Mesh(Samples(np.array([0.0, 1.0]), moved), box.triangles))
+    assert not Mesh(Samples(np.array([0.0, 1.0]), moved), box.triangles).is_closed
 
 
 def test_inside_out_is_the_same(launcher):
@@ -187,7 +186,7 @@ def test_hole_is_closed_by_the_winding_number(launcher):
     sphere, lattice = Mesh.sphere(0.7, 48), cube_of(24)
     top = sphere.points[sphere.triangles].min(axis=1)[:, 2] > 0.45
     cut = Mesh(sphere.points, sphere.triangles[~top])
-    assert not is_closed(cut)
+    assert not cut.is_closed
     fraction = whole(voxels_of(launcher, lattice, cut), lattice)
     full = whole(voxels_of(launcher, lattice, sphere), lattice)
     below = int((0.3 + 1) * 12)

@@ -3,26 +3,10 @@
 import numpy as np
 import warp as wp
 
-from warp_smoke.geometry import Mesh, transform_points
+from warp_smoke.geometry import transform_points
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher
-from warp_smoke.record import each_value
 from warp_smoke.scene import Collider, Emitter
-
-
-def _weld_corners(mesh: Mesh) -> np.ndarray:
-    """The triangles with points that always lie together counted as one, [m, 3]."""
-    every = each_value(mesh.points)
-    tracks = np.moveaxis(every, 1, 0).reshape(every.shape[1], every.shape[0] * 3)
-    _, point = np.unique(tracks, axis=0, return_inverse=True)
-    return point.ravel()[mesh.triangles]
-
-
-def is_closed(mesh: Mesh) -> bool:
-    """Whether every edge is met by as many triangles in one direction as in the other, so that nothing leaks."""
-    edges = _weld_corners(mesh)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    _, edge = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
-    return not np.bincount(edge.ravel(), weights=np.sign(edges[:, 1] - edges[:, 0])).any()
 
 
 class LatticeMesh:
@@ -49,12 +33,12 @@ class LatticeMesh:
         """
         self._launcher, self._lattice, self._prim = launcher, lattice, prim
         self._label, self._margin = label, float(margin)
-        self._closed = is_closed(prim.mesh)
+        self._closed = prim.mesh.is_closed
         self.moves = prim.moves or prim.mesh.deforms
         self.lower = self.shape = (0, 0, 0)
         self._points = self._point_velocity = None  # of the last update, [n, 3] float64 [cells], [m/s]
         self._mesh = None
-        a, b, c = _weld_corners(prim.mesh).T
+        a, b, c = prim.mesh.welded.T
         self._triangles = prim.mesh.triangles[(a != b) & (b != c) & (c != a)]
         self._used = np.unique(self._triangles)
 

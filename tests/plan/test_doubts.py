@@ -1,4 +1,4 @@
-"""A receiver that shows its back to every light bakes black, and the plan says so."""
+"""Meshes that a plan warns of: receivers that show their backs to every light, and emitters with holes."""
 
 from dataclasses import replace
 
@@ -44,3 +44,17 @@ def test_one_light_in_front_is_enough():
     path = ws.Samples([1.0, 2.0], np.array([at(0.0, 3.0, 0.0), at(0.0, -3.0, 0.0)]))
     for lights in ([lamp, below], [replace(lamp, transform=path)]):
         assert ws.make_plan(ws.Scene(surfaces=[surface], lights=lights, end=2)).warnings == ()
+
+
+def test_open_meshes_are_named():
+    """Emitters and colliders with a hole are named once each, closed ones and points not."""
+    box = ws.Mesh.box(0.5)
+    holed = ws.Mesh(box.points, box.triangles[1:])
+    spark = ws.Emitter(path="/Spark", mesh=ws.Points([[0.0, 0.0, 0.0]], [0.2]))
+    scene = ws.Scene(
+        domains=[ws.SmokeDomain(path="/Smoke", resolution=8), ws.SmokeDomain(path="/Other", resolution=8)],
+        emitters=[ws.Emitter(path="/Source", mesh=holed), ws.Emitter(path="/Whole", mesh=box), spark],
+        colliders=[ws.Collider(path="/Wall", mesh=ws.Mesh.grid((-1, 0, 1), (2, 0, 0), (0, 0, -2)))],
+    )
+    text = "its mesh is not closed; what counts as inside it is estimated"
+    assert ws.make_plan(scene).warnings == (f"/Source: {text}", f"/Wall: {text}")
