@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from warp_smoke.lattice import Lattice
-from warp_smoke.plan.facing import faces_away
+from warp_smoke.plan.doubts import dark_receivers, open_meshes
 from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, Emitter, Light, Scene, SmokeDomain, Surface
 
 # Fluid first, then what reads its density; inside each group as a step runs.
@@ -206,19 +206,14 @@ class Plan:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user marked for smoke or baking, and that makes none, or none but black."""
+        """What the user marked for smoke or baking, and that makes none; and doubtful meshes."""
         marked = {each.path for each in self.scene.domains} | {each.path for each in self.scene.surfaces}
         missing = (
             f"{out.subjects[0]}: {out.why}"
             for out in self.left_out
             if out.name in ("simulate", "bake") and len(out.subjects) == 1 and out.subjects[0] in marked
         )
-        dark = (
-            f"{each.surface.path}: it faces away from every light; are its orientation and normals right?"
-            for each in self.receivers
-            if each.lights and faces_away(each.surface, [light.light for light in each.lights], self.scene.start)
-        )
-        return (*missing, *dark)
+        return (*missing, *open_meshes(self.domains), *dark_receivers(self.receivers, self.scene.start))
 
     def check_memory(self, available: int) -> None:
         """Refuses a plan that is larger than the memory that is free.
