@@ -1,14 +1,11 @@
 """Smoke in pictures: light that it scatters once towards the eye, marched along each ray (Beer and Lambert).
 
-dL/ds = −σ ρ L + albedo σ ρ S with the light S that arrives, averaged over all directions: with an isotropic phase
-function 1/(4π) and a source's irradiance π B, S = ambient + Σ V T B/4. What is scattered more than once is left out.
+dL/ds = −σ ρ L + σ ρ S, with the light S that the smoke scatters (`volume`); light scattered twice is left out.
 """
 
-import numpy as np
 import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
-from warp_smoke.shading.light_source import LightSource, incident_light
 from warp_smoke.shading.primary_rays import View, ray_direction
 
 wp.set_module_options({"enable_backward": False})
@@ -26,7 +23,6 @@ class ScatteringSmoke:
         light: S there, linear RGB [nx · ny · nz].
         from_set: set space to cell coordinates, for column vectors.
         extinction: optical depth of one cell's length at density 1, RGB.
-        albedo: linear RGB.
         step: between samples [cells].
     """
 
@@ -34,31 +30,7 @@ class ScatteringSmoke:
     light: wp.array[wp.vec3]
     from_set: wp.mat44
     extinction: wp.vec3
-    albedo: wp.vec3
     step: float
-
-
-def cell_centres(shape: tuple[int, int, int], to_set: np.ndarray) -> np.ndarray:
-    """Centres of cells in set space, [nx · ny · nz, 3] float32; `to_set` is a 4 × 4 row-vector matrix."""
-    cells = np.stack(np.indices(shape), axis=-1).reshape(-1, 3) + 0.5
-    return (cells @ to_set[:3, :3] + to_set[3, :3]).astype(np.float32)
-
-
-def face_light(launcher: Launcher, points: wp.array, light: LightSource, normals_out: wp.array) -> None:
-    """Writes the unit vector from each point to a light, by which shadow methods take it to face the light."""
-    launcher.launch_each(_face_light, len(points), light, points, normals_out)
-
-
-def scatter_light(
-    launcher: Launcher,
-    points: wp.array,
-    light: LightSource,
-    visibility: wp.array,
-    transmittance: wp.array,
-    light_inout: wp.array,
-) -> None:
-    """Adds V T B/4 of one light to S at each point; transmittance is [1, n] or [3, n]."""
-    launcher.launch_each(_scatter_light, len(points), light, points, visibility, transmittance, light_inout)
 
 
 def march_smoke(
@@ -85,31 +57,6 @@ def march_smoke(
 
 
 @wp.kernel
-def _face_light(rows: Rows, light: LightSource, points: wp.array[wp.vec3], normals_out: wp.array[wp.vec3]):
-    """normals[s] = l."""
-    s = rows.first + wp.tid()
-    to_light, _ = incident_light(light, points[s])
-    normals_out[s] = to_light
-
-
-@wp.kernel
-def _scatter_light(
-    rows: Rows,
-    light: LightSource,
-    points: wp.array[wp.vec3],
-    visibility: wp.array[float],
-    transmittance: wp.array2d[float],
-    light_inout: wp.array[wp.vec3],
-):
-    """S[s] += V T ⊗ B/4."""
-    s = rows.first + wp.tid()
-    _, b = incident_light(light, points[s])
-    last = transmittance.shape[0] - 1
-    t = wp.vec3(transmittance[0, s], transmittance[wp.min(1, last), s], transmittance[wp.min(2, last), s])
-    light_inout[s] = light_inout[s] + 0.25 * visibility[s] * wp.cw_mul(t, b)
-
-
-@wp.kernel
 def _march_smoke(
     rows: Rows,
     smoke: ScatteringSmoke,
@@ -119,7 +66,7 @@ def _march_smoke(
     distance: wp.array[float],
     color_inout: wp.array[wp.vec3],
 ):
-    """L = Σ_m T_m (1 − e^(−σ ρ_m Δ)) albedo S_m + T_end L_behind, samples in the middle of steps Δ ≤ step."""
+    """L = Σ_m T_m (1 − e^(−σ ρ_m Δ)) S_m + T_end L_behind, samples in the middle of steps Δ ≤ step."""
     p = rows.first + wp.tid()
     row = p // view.width
     direction = ray_direction(view, float(p - row * view.width) + x, float(row) + y)
@@ -173,8 +120,7 @@ def _march_smoke(
                 tau = density * length * smoke.extinction
                 left = wp.vec3(wp.exp(-tau[0]), wp.exp(-tau[1]), wp.exp(-tau[2]))
                 # Light is weighted by density, so that it is that of the smoke and not of the empty cells beside it.
-                source = wp.cw_mul(smoke.albedo, light / density)
-                scattered += wp.cw_mul(through, wp.cw_mul(wp.vec3(1.0) - left, source))
+                scattered += wp.cw_mul(through, wp.cw_mul(wp.vec3(1.0) - left, light / density))
                 through = wp.cw_mul(through, left)
                 if wp.max(through) < _DARK:
                     through = wp.vec3(0.0)

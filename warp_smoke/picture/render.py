@@ -1,0 +1,131 @@
+"""Pictures of scenes in memory, of stages, and of a run's results."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from warp_smoke.files import write_png
+from warp_smoke.kernels import smoke_shadow_kernels
+from warp_smoke.launch import Launcher, load_kernels
+from warp_smoke.picture.renderer import PictureRenderer
+from warp_smoke.picture.smoke import SmokeVolume
+from warp_smoke.scene import Scene
+
+_KERNELS = ("shading.primary_rays", "shading.radiance", "shading.surface_points", "shadow.ray_traced")
+
+
+def render_kernels(scene: Scene, volumes: Sequence[SmokeVolume]) -> list[str]:
+    """Names of the kernel modules that a picture needs."""
+    names = set(_KERNELS)
+    if volumes:
+        names |= {"shading.smoke_march", "shading.volume"}
+        names |= {name for light in scene.lights for name in smoke_shadow_kernels(light.smoke_shadow)}
+    return [f"warp_smoke.{name}" for name in sorted(names)]
+
+
+def render_picture(
+    scene: Scene,
+    time: float,
+    volumes: Sequence[SmokeVolume] = (),
+    *,
+    size: tuple[int, int] = (640, 360),
+    samples: int = 1,
+    shading: str = "pixel",
+    device: str = "cpu",
+    threads: int | None = None,
+) -> np.ndarray:
+    """A picture of a scene through its camera.
+
+    Args:
+        scene: the scene.
+        time: time code.
+        volumes: the smoke at that time.
+        size: width and height [pixels].
+        samples: along each side of a pixel: samples² rays.
+        shading: light for each `pixel` or each `vertex`.
+        device: `cpu`, `cuda` or `cuda:N`.
+        threads: CPU threads; all unless given.
+
+    Returns:
+        sRGB [height, width, 3] uint8, first row at the top.
+
+    Raises:
+        ValueError: the scene has no camera, a texture cannot be read, or a number is not allowed.
+    """
+    launcher = Launcher(device, threads)
+    renderer = PictureRenderer(launcher, scene, *size, samples=samples, shading=shading)
+    load_kernels(render_kernels(scene, volumes), device)
+    return renderer.render(time, volumes)
+
+
+def render(
+    path: str | Path,
+    output: str | Path,
+    *,
+    frame: int | None = None,
+    size: tuple[int, int] = (640, 360),
+    samples: int = 2,
+    shading: str = "pixel",
+    device: str = "cpu",
+    threads: int | None = None,
+) -> Path:
+    """Writes a picture of a stage, or of the results in a folder, through the stage's camera.
+
+    Smoke that a run has written is read from its files; that of any other stage is simulated up to the frame.
+
+    Args:
+        path: a USD stage, or a folder written by `run`.
+        output: the `.png` file.
+        frame: the frame; the middle one unless given.
+        size: width and height [pixels].
+        samples: along each side of a pixel: samples² rays.
+        shading: light for each `pixel` or each `vertex`.
+        device: `cpu`, `cuda` or `cuda:N`.
+        threads: CPU threads; all unless given.
+
+    Returns:
+        The file.
+
+    Raises:
+        ValueError: the stage or one of its files is damaged, has no camera, or a number is not allowed.
+        OSError: a file cannot be read or written.
+    """
+    if Path(output).suffix.lower() != ".png":
+        raise ValueError(f"output is {output}; allowed: a name that ends in .png")
+    from warp_smoke.usd.own_look import open_in_own_look
+    from warp_smoke.usd.read_volume import read_volumes
+
+    stage, scene = open_in_own_look(path)
+    if frame is None:
+        frame = (scene.start + scene.end) // 2
+    launcher = Launcher(device, threads)
+    renderer = PictureRenderer(launcher, scene, *size, samples=samples, shading=shading)
+    volumes = [SmokeVolume(*each) for each in read_volumes(stage, scene, frame)]
+    if not volumes and scene.domains:
+        volumes = simulate_smoke(scene, frame, device, threads)
+    load_kernels(render_kernels(scene, volumes), device)
+    write_png(Path(output), renderer.render(frame, volumes))
+    return Path(output)
+
+
+def simulate_smoke(scene: Scene, frame: int, device: str = "cpu", threads: int | None = None) -> list[SmokeVolume]:
+    """The smoke of a scene at a frame, by its fluid alone.
+
+    Raises:
+        ValueError: the frame is none of the scene's, or the device cannot hold the smoke.
+    """
+    from warp_smoke.simulation import Simulation
+
+    if frame not in scene.frames:
+        raise ValueError(f"frame is {frame}; allowed: {scene.start}…{scene.end}")
+    surfaces = [replace(surface, receiver=None) for surface in scene.surfaces]
+    domains = [replace(domain, grids=("density",)) for domain in scene.domains]
+    simulation = Simulation(replace(scene, surfaces=surfaces, domains=domains), device=device, threads=threads)
+    made = None
+    while simulation.plan.domains and simulation.frame != frame:
+        made = simulation.step()
+    return [
+        SmokeVolume(each.domain, each.lattice, made.smoke[each.domain.path].density) for each in simulation.plan.domains
+    ]
