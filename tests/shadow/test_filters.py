@@ -240,7 +240,7 @@ def test_what_was_traced_before_is_forgotten(launcher, placed, point_light, visi
     assert casters.mesh is mesh
 
 
-@pytest.mark.parametrize("name", [*MAPPED, "area"])
+@pytest.mark.parametrize("name", SHADOW_FILTERS)
 @pytest.mark.parametrize("position", [(0, 2, 0), (-0.5, 2, 0.5), (0, 2.5, 0)])
 def test_light_on_or_in_a_mesh(launcher, cast, point_light, visibility, name, position):
     """With a light on a surface, on a vertex or inside a mesh, every answer is between 0 and 1."""

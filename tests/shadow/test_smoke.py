@@ -297,6 +297,25 @@ def test_nothing_is_allocated_in_a_step(lattice_at, point_light, distant_light):
         assert dict(launcher.allocated) == allocated
 
 
+@pytest.mark.parametrize("direction", [(1, 0.2, 0.3), (0.2, -1, 0.3), (0.2, 0.3, -1), (0.2, 0.3, 1)])
+def test_smoke_that_left_is_forgotten(launcher, lattice_at, distant_light, direction):
+    """A buffer that has held other smoke before is, to the bit, as one that has not, across each axis."""
+    lattice, rng = lattice_at((21, 35, 18)), np.random.default_rng(0)
+    densities = []
+    for corner in ((0, 0, 0), (12, 20, 9), (3, 14, 2)):
+        density = np.zeros(lattice.shape, np.float32)
+        density[tuple(slice(c, c + 6) for c in corner)] = rng.random((6, 6, 6))
+        densities.append(wp.array(density, device=launcher.device))
+    light = replace(distant_light(direction), smoke_shadow_layer=4)
+    used = SmokeShadow(launcher, lattice, light, ORIGIN, 1.0)
+    for density in (*densities, wp.zeros(lattice.shape, dtype=float, device=launcher.device)):
+        used.update(density, 1.0)
+        fresh = SmokeShadow(launcher, lattice, light, ORIGIN, 1.0)
+        fresh.update(density, 1.0)
+        np.testing.assert_array_equal(used.optical_depth(), fresh.optical_depth())
+    assert used.optical_depth().max() == 0.0
+
+
 def test_light_inside_is_refused(launcher, lattice_at, point_light, placed):
     """A light inside the domain, now or later, raises one line that names it and what to do."""
     lattice = lattice_at((8, 8, 8))
