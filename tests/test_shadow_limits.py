@@ -46,15 +46,13 @@ def test_unknown_methods_are_named(kind, field):
 @pytest.mark.parametrize("name", ["hard", "pcf_grid", "pcf_disk", "pcf_disk_view", "pcss", "exact", "area"])
 @pytest.mark.parametrize("place", [(0, 1.5, 0), (0, 2.0, 0), (0, 0, 0)])
 def test_light_in_on_and_under_meshes(name, place):
-    """In a closed ball the light never leaves it; on its pole and in the floor's plane all shares are shares."""
+    """From inside a closed ball and from its pole, whose downward rays pass through it, no light reaches the floor."""
     lamp = ws.PointLight(path="/World/Lamp", transform=at(*place), intensity=10.0, radius=0.02)
     frame = ws.Simulation(_shaded(lamp, shadow_filter=name, shadow_map_size=64), threads=1).step()
     if place == (0, 0, 0):  # no light reaches the floor, and nothing can shadow it
         assert frame.pictures["/World/Floor", "lit"].max() == 0
         return
-    shares = frame.pictures["/World/Floor", "visibility"]
-    assert np.all(shares[24:40, 24:40] == 0)  # straight under the ball
-    assert (shares.max() == 0) == (place == (0, 1.5, 0))
+    assert frame.pictures["/World/Floor", "visibility"].max() == 0
 
 
 @pytest.mark.parametrize("kind", ["centre", "cell", "corner", "side"])
