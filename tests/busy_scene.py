@@ -9,13 +9,18 @@ import warp_smoke as ws
 from warp_smoke import Samples
 
 
-def path(times, *places) -> Samples:
-    """Transforms that lead through places at some times."""
-    return Samples(np.array(times, float), np.stack([at(*place) for place in places]))
-
-
 def busy_scene(frames: int = 6, resolution: int = 16, **domain) -> ws.Scene:
-    """Two domains, things that move, stop, deform, appear and vanish, and bakes in textures and at points."""
+    """Two domains, things that move, stop, deform, appear and vanish, and bakes in textures and at points.
+
+    What is said of frames 1 to 6 is stretched over all of them.
+    """
+
+    def when(*frames_of_six: int) -> np.ndarray:
+        return 1.0 + (np.array(frames_of_six, float) - 1.0) * (frames - 1) / 5.0
+
+    def path(times, *places) -> Samples:
+        return Samples(when(*times), np.stack([at(*place) for place in places]))
+
     effects = {
         "vorticity": 0.4,
         "turbulence": 0.5,
@@ -29,12 +34,12 @@ def busy_scene(frames: int = 6, resolution: int = 16, **domain) -> ws.Scene:
     }
     scene = plume(resolution, frames, **effects | domain)
     ball = ws.Mesh.sphere(0.25, 12)
-    breathing = Samples(np.array([1.0, 3.0, 5.0]), np.stack([ball.points * size for size in (1.0, 1.3, 1.1)]))
+    breathing = Samples(when(1, 3, 5), np.stack([ball.points * size for size in (1.0, 1.3, 1.1)]))
     second = ws.SmokeDomain(
         path="/World/Other", transform=at(3, 1, 0), resolution=12, buoyancy_temperature=3.0, active_box=False
     )
     puffs = ws.Points(
-        points=Samples(np.array([1.0, 6.0]), np.array([[[0, 0, 0], [0.2, 0, 0]], [[0.3, 0.1, 0], [0, 0.2, 0.1]]])),
+        points=Samples(when(1, 6), np.array([[[0, 0, 0], [0.2, 0, 0]], [[0.3, 0.1, 0], [0, 0.2, 0.1]]])),
         widths=np.array([0.4, 0.3]),
     )
     emitters = [
@@ -51,7 +56,7 @@ def busy_scene(frames: int = 6, resolution: int = 16, **domain) -> ws.Scene:
         ),
         ws.Collider(path="/World/Shelf", mesh=ws.Mesh.box((0.6, 0.05, 0.6)), transform=at(0, 1.6, 0)),
     ]
-    shown = Samples(np.array([1.0, 3.0, 5.0]), np.array([True, False, True]))
+    shown = Samples(when(1, 3, 5), np.array([True, False, True]))
     bare = replace(ws.Mesh.box(0.4), uvs=None)
     surfaces = [
         floor(texture_size=24),

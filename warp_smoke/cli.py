@@ -183,7 +183,7 @@ def plan(
         for out in made.left_out:
             table.add_row(out.name, "\n".join(out.subjects), out.why)
         _out.print(table)
-    _out.print(f"Device memory, estimated: {sum(made.bytes.values()) / 2**20:.0f} MiB", highlight=False)
+    _out.print(made.memory, highlight=False)
     made.check_memory(Launcher().available_bytes())
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from warp_smoke.files import check_folder
 from warp_smoke.plan import make_plan
 from warp_smoke.record import FieldError, whole
 from warp_smoke.scene import Scene
@@ -60,6 +61,7 @@ def run(
         raise FieldError(
             str(scene.source), "output folder", folder, "another one, since the results would overwrite it"
         )
+    check_folder(folder)
     if checkpoint_every is not None:
         whole("run", "checkpoint_every", checkpoint_every, 0, 10**9)
     plan = make_plan(scene)

@@ -92,7 +92,7 @@ class Simulation:
         """
         self.plan = scene if isinstance(scene, Plan) else make_plan(scene, "on_substep" if on_substep else "")
         self.launcher = Launcher(device, threads)
-        self.plan.check_memory(self.launcher.available_bytes())
+        self.plan.check_memory(self.launcher.available_bytes(), str(self.launcher.device))
         self.timings = Timings(self.launcher)
         self.frame: int | None = None
         with self.timings.measure("load_kernels"):

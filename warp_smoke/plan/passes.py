@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from warp_smoke.lattice import Lattice
 from warp_smoke.plan.doubts import dark_receivers, open_meshes
+from warp_smoke.plan.host_memory import host_estimate
 from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, Emitter, Light, Scene, SmokeDomain, Surface
 
 # Fluid first, then what reads its density; inside each group as a step runs.
@@ -215,17 +216,35 @@ class Plan:
         )
         return (*missing, *open_meshes(self.domains), *dark_receivers(self.receivers, self.scene.start))
 
-    def check_memory(self, available: int) -> None:
+    @property
+    def memory(self) -> str:
+        """The estimates in a line."""
+        device, host = (sum(each.values()) / 2**20 for each in (self.bytes, self.host_bytes))
+        return f"Memory, estimated: {device:.0f} MiB on the device and {host:.0f} MiB for files in hand"
+
+    @property
+    def host_bytes(self) -> dict[str, int]:
+        """Estimate of the host's memory beside the device's, by prim path [bytes]."""
+        return host_estimate(self.domains, self.receivers)
+
+    def check_memory(self, available: int, device: str = "cpu") -> None:
         """Refuses a plan that is larger than the memory that is free.
+
+        Args:
+            available: bytes that are free on the device.
+            device: the CPU's memory holds files that wait to be written as well.
 
         Raises:
             MemoryError: says by how much, and which resolution would fit.
         """
-        needed = sum(self.bytes.values())
+        parts = dict(self.bytes)
+        if device == "cpu":
+            parts = {path: parts.get(path, 0) + self.host_bytes.get(path, 0) for path in parts | self.host_bytes}
+        needed = sum(parts.values())
         if needed <= available:
             return
         largest = max(each.domain.resolution for each in self.domains) if self.domains else None
-        fluid = sum(self.bytes[each.domain.path] for each in self.domains)
+        fluid = sum(parts[each.domain.path] for each in self.domains)
         left = available - (needed - fluid)
         line = f"the plan needs {needed / 2**20:.0f} MiB of memory and {available / 2**20:.0f} MiB are free"
         if largest and left > 0:
@@ -235,5 +254,4 @@ class Plan:
     def __str__(self) -> str:
         runs = [f"  {each}" for each in self.passes] or ["  nothing"]
         rests = [f"  {each}" for each in self.left_out]
-        memory = f"Device memory, estimated: {sum(self.bytes.values()) / 2**20:.0f} MiB"
-        return "\n".join(["Runs, in this order:", *runs, "Left out:", *rests, memory])
+        return "\n".join(["Runs, in this order:", *runs, "Left out:", *rests, self.memory])

@@ -1,0 +1,29 @@
+"""Estimates of the host's memory beside the device's: results that wait to be written, and checkpoints."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from warp_smoke.plan.passes import DomainPlan, ReceiverPlan
+
+# Floats of a cell: a checkpoint has velocity, pressure, density and temperature; of frames in hand there is one that
+# is made and one or two that are written (measured on the example stages).
+_CHECKPOINT = 6.0
+_FRAMES = 2.5
+_GRIDS = {"density": 1, "temperature": 1, "velocity": 3, "light": 3}
+# Bytes of a texel for each bake, in frames in hand and in the making; and while a picture is computed.
+_BAKE = 16
+_PROCEDURAL = 128
+
+
+def host_estimate(domains: "tuple[DomainPlan, ...]", receivers: "tuple[ReceiverPlan, ...]") -> dict[str, int]:
+    """Host memory by prim path of domain and receiver [bytes]."""
+    found = {}
+    for each in domains:
+        floats = _CHECKPOINT + _FRAMES * sum(_GRIDS[grid] for grid in each.grids)
+        found[each.domain.path] = int(4 * each.lattice.cells * floats)
+    for each in receivers:
+        material = each.surface.material
+        computed = material.procedural.size**2 if material and material.procedural else 0
+        texels = each.surface.receiver.texture_size**2
+        found[each.surface.path] = _BAKE * len(each.bakes) * texels + _PROCEDURAL * computed
+    return found
