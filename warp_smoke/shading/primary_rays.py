@@ -120,9 +120,11 @@ def triangle_table(
         material.append(dressing.index[index])
         normals.append(corner_normals[:, order])
         uvs.append(corner_uvs[:, order])
-        if dressing.needs_tangents:
+        if any(dressing.materials[n].needs_tangents for n in np.unique(dressing.index[index])):
             points = place_points(surface, origin, time)
             tangents.append(corner_tangents(points, mesh.triangles, corner_normals, corner_uvs)[:, order])
+        elif dressing.needs_tangents:
+            tangents.append(np.zeros((len(mesh.triangles), 3, 4), np.float32))
     table = TriangleTable()
 
     def put(parts: list, width: int, dtype: type) -> wp.array:
