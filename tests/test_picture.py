@@ -75,17 +75,26 @@ def exact_lights(scene):
     return replace(scene, lights=lights)
 
 
-@pytest.mark.parametrize("look", ["plain", "relief", "occlusion", "energyConserving"])
+@pytest.mark.parametrize("look", ["plain", "relief", "occlusion", "energyConserving", "metal", "faces"])
 def test_a_picture_has_the_values_of_the_bake(relief, look):
     """Pixel centres on texel centres: the same codes to one, for every kind of detail, with shadows of solids."""
     if look == "plain":
         material = ws.Material(path="/World/M", diffuse_color=(0.6, 0.4, 0.2), emissive_color=(0, 0.02, 0.05))
     elif look == "occlusion":
         material = replace(relief, parallax="occlusion")
+    elif look == "metal":
+        number, color = relief.roughness_texture, relief.diffuse_texture
+        shares = {"metallic_texture": number, "occlusion_texture": number}
+        material = replace(relief, emissive_texture=replace(color, scale=(0.1, 0.1, 0.1, 1)), **shares)
     else:
         material = replace(relief, reflection="energyConserving" if look == "energyConserving" else "blinnPhong")
     cube = ws.Surface(path="/World/Cube", mesh=Mesh.box(0.8), transform=at(0.4, 2.0, 0.2))
-    scene = exact_lights(replace(plume(), domains=[], surfaces=[floor(texture_size=SIZE, material=material), cube]))
+    ground = floor(texture_size=SIZE, material=material)
+    if look == "faces":
+        red = ws.Material(path="/World/Red", diffuse_color=(0.6, 0.1, 0.1), fresnel_r0=(0.5, 0.5, 0.5), roughness=0.8)
+        half = ws.MaterialSubset(path="/World/Floor/Half", triangles=[0, 1, 2, 3], material=red)
+        ground = replace(ground, mesh=Mesh.grid((-3, 0, 3), (6, 0, 0), (0, 0, -6), 2), subsets=[half])
+    scene = exact_lights(replace(plume(), domains=[], surfaces=[ground, cube]))
     scene = replace(scene, camera=looking_down(), ambient=(0.05, 0.06, 0.08))
     baked = bakes_of(scene)["lit"].astype(int)
     # The cube casts its shadow on the floor but is not in the picture's way where it is not seen.
