@@ -3,11 +3,15 @@
     python scripts/benchmark.py [--quick] [docs/benchmark.json]
 
 The smoke is a plume in a closed box, some frames old, with vorticity confinement; with a collider, a sphere stands
-in its way. Each figure is the median over steps, next to the bandwidth that copying memory reaches in the same run.
+in its way. Each figure is the median over steps, next to the bandwidth that copying memory reaches in the same run:
+what a pass reads and writes at least, at that bandwidth, is the least time that it can take. What launching its kernels
+costs is measured too.
 """
 
 import json
 import sys
+from collections import Counter
+from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -17,11 +21,26 @@ from rich.console import Console
 from rich.table import Column, Table
 
 import warp_smoke as ws
+from warp_smoke.fluid.dissipation import decay
 from warp_smoke.launch import Launcher
 from warp_smoke.report import environment
 from warp_smoke.study.disclosure import copy_bandwidth, processor
 
 STEPS, WARM_UP = 15, 8
+
+# Fields of the lattice that a pass reads and writes, each once: what it cannot do without.
+LEAST_FIELDS = {
+    "project_pressure": 8,  # velocity and the pressure, read and written
+    "advect_velocity": 12,  # velocity read and written; displacements back and ahead written
+    "advect_temperature": 8,  # displacements read; the scalar read and written
+    "advect_density": 8,
+    "confine_vorticity": 6,  # velocity read and written
+    "measure_motion": 6,  # velocity read, after the projection and after advection
+    "fit_active_box": 2,  # density and temperature read
+    "add_buoyancy": 3,  # temperature read, one component of the velocity read and written
+}
+# Which cells are fluid, and the open shares of the faces, beside a collider.
+LEAST_FIELDS_OF_SOLIDS = {"project_pressure": 4, "advect_velocity": 4}
 
 
 def benchmark_scene(resolution: int, collider: bool) -> ws.Scene:
@@ -43,12 +62,13 @@ def benchmark_scene(resolution: int, collider: bool) -> ws.Scene:
     return ws.Scene(domains=[domain], emitters=[emitter], colliders=[ball] if collider else [], end=10**6)
 
 
-def time_passes(resolution: int, threads: int, collider: bool) -> dict[str, float]:
-    """Median ns per cell and step of each pass, and of the whole step."""
+def time_passes(resolution: int, threads: int, collider: bool) -> tuple[dict[str, float], dict[str, float]]:
+    """Median ns per cell and step of each pass, and of the whole step; and kernels that each pass launches a step."""
     simulation = ws.Simulation(benchmark_scene(resolution, collider), threads=threads)
     solver, seconds = simulation.solver(), simulation.timings.seconds
     for _ in range(WARM_UP):
         simulation.step()
+    launches = count_launches(simulation)
     frame, samples = float(simulation.frame), []
     for _ in range(STEPS):
         before, began = dict(seconds), perf_counter()
@@ -57,7 +77,48 @@ def time_passes(resolution: int, threads: int, collider: bool) -> dict[str, floa
         frame += 1
         samples.append({name: seconds[name] - before.get(name, 0.0) for name in seconds} | {"whole step": whole})
     cells = resolution**3
-    return {name: 1e9 * median(s.get(name, 0.0) for s in samples) / cells for name in samples[0]}
+    figures = {name: 1e9 * median(s.get(name, 0.0) for s in samples) / cells for name in samples[0]}
+    return figures, {name: count / STEPS for name, count in launches.items()}
+
+
+def count_launches(simulation: ws.Simulation) -> Counter:
+    """Counts the kernels that each pass launches from now on."""
+    counts, measure, launched = Counter(), simulation.timings.measure, simulation.launcher.launches
+
+    @contextmanager
+    def measure_and_count(name: str):
+        before = launched.total()
+        with measure(name):
+            yield
+        counts[name] += launched.total() - before
+
+    simulation.timings.measure = measure_and_count
+    return counts
+
+
+def launch_cost() -> float:
+    """Time that launching a kernel over next to nothing takes on one thread, by alternate arguments [µs]."""
+    launcher, count = Launcher("cpu", 1), 1000
+    fields = [launcher.zeros((2, 2, 2), "benchmark") for _ in range(2)]
+    for field in fields:
+        decay(launcher, field, 0.0, 1.0, 1.0)
+    began = perf_counter()
+    for n in range(count):
+        decay(launcher, fields[n % 2], 0.0, 1.0, 1.0)
+    return 1e6 * (perf_counter() - began) / count
+
+
+def limits(row: dict, bandwidth: float, launch: float) -> list[str]:
+    """How far each pass of a case is from what limits it, as rows of a Markdown table."""
+    lines = []
+    for name, least in LEAST_FIELDS.items():
+        fields = least + LEAST_FIELDS_OF_SOLIDS.get(name, 0) * row["collider"]
+        spent = row["ns_per_cell"].get(name, 0.0)
+        bound = 4 * fields / bandwidth
+        launching = 1e3 * launch * row["launches"].get(name, 0.0) / row["resolution"] ** 3
+        figures = f"{fields} | {bound:.1f} | {spent:.1f} | {spent / bound:.1f} | {row['launches'].get(name, 0):.0f}"
+        lines.append(f"| {name} | {figures} | {launching:.2f} |")
+    return lines
 
 
 def page(facts: dict) -> str:
@@ -75,7 +136,8 @@ def page(facts: dict) -> str:
         "Nanoseconds per cell and step, medians, by `python scripts/benchmark.py docs/benchmark.json` on "
         f"{facts['environment']['threads']} shared CPU cores ({facts['processor']}).",
         f"Copying memory on one thread reads and writes {facts['copy_gb_per_s']:.1f} GB/s there: "
-        f"{8 / facts['copy_gb_per_s']:.2f} ns for each float.",
+        f"{8 / facts['copy_gb_per_s']:.2f} ns for each float. Launching a kernel over nothing takes "
+        f"{facts['launch_us']:.1f} µs.",
         "",
         "| pass | " + " | ".join(heads) + " |",
         "|---|" + "---:|" * len(rows),
@@ -84,6 +146,19 @@ def page(facts: dict) -> str:
         figures = [row["ns_per_cell"].get(name, 0.0) for row in rows]
         if max(figures) >= 0.05:
             lines.append(f"| {name} | " + " | ".join(f"{figure:.1f}" if figure else "" for figure in figures) + " |")
+    for head, row in zip(heads, rows, strict=True):
+        if row["threads"] == 1 and row["resolution"] == max(each["resolution"] for each in rows):
+            lines += [
+                "",
+                f"## Distance from the limits: {head}",
+                "",
+                "Each field of floats that a pass must read or write, moved once at the bandwidth of the copy, and the "
+                "time that its launches take if they do nothing.",
+                "",
+                "| pass | fields moved at least | ns for that | ns taken | ratio | launches | ns for launching |",
+                "|---|---:|---:|---:|---:|---:|---:|",
+                *limits(row, facts["copy_gb_per_s"], facts["launch_us"]),
+            ]
     return "\n".join(lines) + "\n"
 
 
@@ -101,9 +176,9 @@ def main() -> None:
         for resolution in (64,) if quick else (64, 128):
             for threads in (1, 2):
                 with console.status(f"{resolution}³, {threads} thread(s)"):
-                    figures = time_passes(resolution, threads, collider)
+                    figures, launches = time_passes(resolution, threads, collider)
                 case = {"resolution": resolution, "threads": threads, "collider": collider}
-                rows.append(case | {"ns_per_cell": figures})
+                rows.append(case | {"ns_per_cell": figures, "launches": launches})
                 table.add_column(f"{resolution}³, {threads} thread{'s' * (threads > 1)}", justify="right")
                 columns.append(figures)
         names = sorted((name for name in columns[0] if name != "whole step"), key=lambda name: -columns[0][name])
@@ -118,6 +193,7 @@ def main() -> None:
             "environment": environment(),
             "processor": processor(),
             "copy_gb_per_s": bandwidth,
+            "launch_us": launch_cost(),
             "rows": rows,
         }
         path = Path(files[0])
