@@ -104,16 +104,17 @@ def test_each_effect_is_switched_off():
 def test_runs_are_compared_with_the_finest(launcher):
     """What is the same as its reference is off by 0, everything else by more; times of passes are known."""
     suite = SceneStudy(_full_stage())
-    rows = {}
+    rows, methods = {}, (EVERYTHING, "colliders", "hard", "area", "march", "ray_traced")
     for case in suite.cases(False):
-        row = measure_case(launcher, case, 10.0)
-        assert row.failure is None
-        rows[row.problem, row.method, row.resolution, str(row.parameters)] = row
+        if case.problem == FINEST or case.method in methods or (case.problem == SMOKE and case.resolution == 4):
+            row = measure_case(launcher, case, 10.0)
+            assert row.failure is None
+            rows[row.problem, row.method, row.resolution, str(row.parameters)] = row
     zero = {key[:2] for key, row in rows.items() if not any(row.errors.values())}
     references = {(FINEST, "maccormack"), (EFFECTS, EVERYTHING)}
     assert references | {(SURFACE_SHADOWS, "area"), (SMOKE_SHADOWS, "ray_traced")} <= zero
     smoke = [row for (problem, *_), row in rows.items() if problem == SMOKE]
-    assert len(smoke) == 12
+    assert len(smoke) == 4
     assert all(row.errors["density"] > 0 and row.errors["picture"] > 0 and row.repeats >= 5 for row in smoke)
     everything = next(row for (problem, method, *_), row in rows.items() if method == EVERYTHING)
     assert everything.passes["project_pressure"] > 0

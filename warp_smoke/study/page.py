@@ -108,7 +108,7 @@ def _section(name: str, suite: Suite, rows: Sequence[Row]) -> str:
     parts.append(f"<p>{escape(suite.explain([row for row in rows if row.failure is None]))}</p>")
     parts += _verdict(suite, rows)
     if beaten := never_worth(suite, drawn):
-        parts.append(f'<p class="soft">Beaten everywhere here: {escape(", ".join(beaten))}.</p>')
+        parts.append(f'<p class="soft">Beaten everywhere here: {escape(" · ".join(beaten))}</p>')
     if drawn:
         parts.append(_diagram(suite, drawn))
         parts.append(_settings(suite, drawn))
@@ -130,8 +130,8 @@ def _verdict(suite: Suite, rows: Sequence[Row]) -> list[str]:
     orders: dict[str, list[str]] = {}
     for (problem, method), slope in suite.order(rows).items():
         orders.setdefault(problem, []).append(f"{method} {slope:.2f}")
-    fitted = "; ".join(f"{problem}: {', '.join(found)}" for problem, found in orders.items())
-    return [f'<p class="soft">As known answers ask. Fitted orders: {escape(fitted)}.</p>'] if orders else []
+    lines = [f"{escape(problem)}: {' · '.join(map(escape, found))}" for problem, found in orders.items()]
+    return [f'<p class="soft">As known answers ask. Fitted orders:<br>{"<br>".join(lines)}</p>'] if orders else []
 
 
 def _name(row: Row) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from math import hypot
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,6 +22,8 @@ _DASHES = ("-", (0, (4, 1.5)), (0, (1, 1.5)))
 _PANEL = (4.4, 3.6)  # width and height [inch]
 _POINTS_PER_INCH = 72
 _LABEL_SIZE = 7
+# Letters of an axis' label in a line; lines in a panel up to which all points are labelled, not only the front's.
+_LABEL_LETTERS, _MOST_LABELLED = 44, 8
 # Where a label may stand around its point: directions, best first, and distances [points].
 _DIRECTIONS = ((1, 1), (1, -1), (-1, 1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0))
 _DISTANCES = (5.0, 9.0, 14.0)
@@ -160,7 +163,7 @@ def _draw_panel(axes: Axes, suite: Suite, rows: Sequence[Row], styles: dict, the
         loc="left",
     )
     axes.set_xlabel(getattr(suite, "TIME_MEANS", "time of a run"), fontsize=8, color=theme.ink)
-    axes.set_ylabel(means, fontsize=8, color=theme.ink)
+    axes.set_ylabel(fill(means, _LABEL_LETTERS), fontsize=8, color=theme.ink)
     _dress(axes, theme)
     if not valid:
         axes.text(0.5, 0.5, "every run failed", transform=axes.transAxes, ha="center", color=theme.ink)
@@ -168,7 +171,7 @@ def _draw_panel(axes: Axes, suite: Suite, rows: Sequence[Row], styles: dict, the
     positive = [row.errors[error] for row in valid if row.errors[error] > 0]
     floor = 0.4 * min(positive, default=1.0)
     front = {row.key for row in pareto_front(valid, error)}
-    labels = []
+    crowded, labels = len(by_method(valid)) > _MOST_LABELLED, []
     for method, points in by_method(valid).items():
         style = styles[method]
         y = [max(row.errors[error], floor) for row in points]
@@ -180,7 +183,8 @@ def _draw_panel(axes: Axes, suite: Suite, rows: Sequence[Row], styles: dict, the
             axes.plot([row.median], [height], markerfacecolor=face, zorder=3, **marker)
             text = ", ".join(row.labels[name] for name in names if name in row.labels)
             text += " (no error)" if row.errors[error] <= 0 else ""
-            labels.append(_Label(text, row.median, height, style["color"]))
+            if row.key in front or not crowded:
+                labels.append(_Label(text, row.median, height, style["color"]))
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.11)
