@@ -244,11 +244,13 @@ def explain(rows: Sequence[Row]) -> str:
                 done[method] = min(within)
         if len(done) > 1:
             fastest, slowest = min(done, key=done.get), max(done, key=done.get)
-            says.append(f"{problem}: {fastest} in {duration(done[fastest])}, {slowest} in {duration(done[slowest])}")
+            says.append(
+                f"{fastest} in {problem} ({duration(done[fastest])}; {slowest} takes {duration(done[slowest])})"
+            )
     if not says:
         return read
     worst = max((row for row in rows if row.failure is None and row.method == "jacobi"), key=lambda row: row.median)
     return (
-        f"{read} Here a thousandth is left first by, in {'; in '.join(says)}; {worst.parameters['sweeps']:g} sweeps of "
+        f"{read} Here a thousandth is left first by {', '.join(says)}; {worst.parameters['sweeps']:g} sweeps of "
         f"jacobi still leave {percent(worst.errors['residual'])} after {duration(worst.median)} ({worst.problem})."
     )
