@@ -1,7 +1,8 @@
 """Times surface shadows: rays against Embree, the whole cube-map pass, filters, and a baked floor with two lights.
 
 Usage: python scripts/benchmark_shadows.py [--threads N] [--size N] [--json FILE]; Embree's part needs `pip install
-embreex`. Embree runs on one thread, so the default is one thread for both. Times are the best of several runs.
+embreex`. Embree runs on one thread, so the default is one thread for both. Times are the best of several runs. The
+tables go into docs/shadows.md and docs/shadows.json.
 """
 
 import argparse
@@ -15,9 +16,10 @@ import numpy as np
 import warp as wp
 import warp.examples
 from pxr import Usd, UsdGeom
+from smoke_shadow_paper import fill_in, machine, table
 
 import warp_smoke as ws
-from warp_smoke.geometry import transform_points
+from warp_smoke.geometry import corner_normals, transform_points
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.shadow.casters import Casters, nearest_hit
 from warp_smoke.shadow.coverage import CUBE_FRAMES, TILE
@@ -27,6 +29,7 @@ wp.set_module_options({"enable_backward": False})
 
 ROOT = Path(__file__).parents[1]
 FILTERS = ("hard", "pcf_grid", "pcf_disk", "pcss", "exact", "area")
+FLOOR_FILTERS = ("hard", "exact", "pcss")
 REPEATS = 5
 
 
@@ -192,30 +195,134 @@ def bake_floor(threads: int | None, name: str) -> float:
     return min(times)
 
 
+def compare_hierarchies(launcher: Launcher, scene: ws.Scene, size: int) -> dict[str, float]:
+    """All texels of a cube map by each constructor of Warp's hierarchy, and numbers of triangles in a leaf [ms]."""
+    casters = Casters(launcher, scene.surfaces, np.zeros(3))
+    casters.update(scene.start)
+    rays = wp.array(cube_directions(size), dtype=wp.vec3)
+    start = wp.vec3(*scene.lights[0].position_at(scene.start).tolist())
+    distance = wp.zeros(len(rays), dtype=float)
+    points, indices = casters.mesh.points, casters.mesh.indices
+    meshes = {
+        f"{constructor}, {leaf}": wp.Mesh(points, indices, bvh_constructor=constructor, bvh_leaf_size=leaf)
+        for constructor in ("sah", "median", "cubql")
+        for leaf in (1, 2, 4, 8)
+    }
+    args = (start, rays, distance)
+    times = best_of(
+        *(lambda mesh=mesh: launcher.launch_each(_trace_all, len(rays), mesh.id, *args) for mesh in meshes.values()),
+        repeats=3,
+    )
+    return {name: 1e3 * time for name, time in zip(meshes, times, strict=True)}
+
+
+def measure_bias(launcher: Launcher) -> list[dict[str, float]]:
+    """Hard shadows of the bunny above a floor with the default bias, where the light's middle or area leaves no doubt.
+
+    Acne: the share of the bunny's points that a ray to the light's middle reaches, and that are dark. Leak: the share
+    of the floor's points that no ray to any of the light reaches, and that are lit.
+    """
+    scene = scenes()["bunny"]
+    light, (bunny, floor) = scene.lights[0], scene.surfaces
+    casters = Casters(launcher, scene.surfaces, np.zeros(3))
+    casters.update(scene.start)
+    rng, points = np.random.default_rng(0), bunny.mesh.points_at(scene.start)
+    corners = points[bunny.mesh.triangles].astype(float)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    chosen = rng.choice(len(area), 100_000, p=area / area.sum())
+    place = np.einsum("nc,ncx->nx", rng.dirichlet((1, 1, 1), len(chosen)), corners[chosen])
+    normals = corner_normals(points, bunny.mesh.triangles)[chosen, 0]
+    below = rng.uniform((-3.5, 0, -3), (1, 0, 1), (100_000, 3))
+    up = np.tile((0.0, 1.0, 0.0), (len(below), 1))
+    bounds = np.array([[each.min(axis=0), each.max(axis=0)] for each in (points, floor.mesh.points_at(scene.start))])
+
+    def share_lit(name: str, at: np.ndarray, facing: np.ndarray, size: int = 512) -> np.ndarray:
+        kind = name if name in SURFACE_SHADOWS else "cube"
+        lit = replace(light, shadow_filter=name, shadow_map_size=size)
+        shadow = SURFACE_SHADOWS[kind](launcher, lit, casters, bounds)
+        shadow.update(scene.start)
+        out = wp.zeros(len(at), dtype=float)
+        shadow.visibility(*(wp.array(a.astype(np.float32), dtype=wp.vec3) for a in (at, facing)), out)
+        return out.numpy()
+
+    reached = share_lit("exact", place, normals) == 1.0
+    dark = share_lit("area", below, up) == 0.0
+    return [
+        {
+            "size": size,
+            "acne": float(np.mean(share_lit("hard", place[reached], normals[reached], size) == 0.0)),
+            "leak": float(np.mean(share_lit("hard", below[dark], up[dark], size) == 1.0)),
+        }
+        for size in (256, 512, 1024, 2048)
+    ]
+
+
+def write_tables(report: dict) -> None:
+    """Writes the measurements into docs/shadows.md."""
+    page = ROOT / "docs/shadows.md"
+    text = page.read_text(encoding="utf-8")
+    header = ("filter", "sharp error", "soft error", "map, ms", "look-up, ms")
+    keys = ("error_sharp", "error_soft", "trace_ms", "look_up_ms")
+    rows = [
+        (f"`{row['filter']}`", *(f"{row[key]:.4f}" if "error" in key else f"{row[key]:.1f}" for key in keys))
+        for row in report["filters"]["room"]
+    ]
+    text = fill_in(text, "filters", table(header, rows))
+    rows = [(str(row["size"]), f"{100 * row['acne']:.2f} %", f"{100 * row['leak']:.2f} %") for row in report["bias"]]
+    text = fill_in(text, "bias", table(("texels", "bunny darkened", "floor that leaks"), rows))
+    times = report["floor_ms"]
+    header = ("filter", *(f"{threads} thread{'s' * (threads > 1)}, ms" for threads in times))
+    rows = [(f"`{name}`", *(f"{times[threads][name]:.0f}" for threads in times)) for name in FLOOR_FILTERS]
+    text = fill_in(text, "floor", table(header, rows))
+    if report["embree"]:
+        header = ("scene", "all texels, ms", "Embree, ms", "ray for ray", "rays of the map", "the map, ms", "to Embree")
+        rows = [
+            (
+                name,
+                f"{row['all_texels_ms']:.0f}",
+                f"{row['embree_ms']:.0f}",
+                f"{row['ray_for_ray']:.2f}",
+                f"{row['rays_of_map'] / 1e6:.2f} of {row['rays'] / 1e6:.2f} million",
+                f"{row['map_ms']:.0f}",
+                f"{row['map_over_embree']:.2f}",
+            )
+            for name, row in report["embree"].items()
+        ]
+        text = fill_in(text, "embree", table(header, rows))
+    names = tuple(report["hierarchies"])
+    rows = [
+        (name, *(f"{report['hierarchies'][scene][name]:.0f}" for scene in names))
+        for name in report["hierarchies"]["room"]
+    ]
+    text = fill_in(text, "hierarchies", table(("constructor, leaf", *(f"{name}, ms" for name in names)), rows))
+    page.write_text(text, encoding="utf-8")
+
+
 def main() -> None:
-    """Prints the tables and writes them as JSON."""
+    """Measures, prints the report, and writes it as JSON and into docs/shadows.md."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--threads", type=int, default=1, help="for all but the floor")
     parser.add_argument("--size", type=int, default=512)
-    parser.add_argument("--json", type=Path, default=Path("out/benchmark_shadows.json"))
+    parser.add_argument("--json", type=Path, default=ROOT / "docs/shadows.json")
     options = parser.parse_args()
     launcher = Launcher("cpu", options.threads)
-    report = {"threads": options.threads, "size": options.size, "embree": {}, "filters": {}, "floor_ms": {}}
+    report = {"machine": machine(), "threads": options.threads, "size": options.size, "embree": {}, "hierarchies": {}}
     for name, scene in scenes().items():
+        report["hierarchies"][name] = compare_hierarchies(launcher, scene, options.size)
         try:
             report["embree"][name] = compare_with_embree(launcher, scene, options.size)
         except ImportError:
             print("Without embreex there is no comparison: pip install embreex")
-            break
     report["filters"] = {"room": measure_filters(launcher, scenes()["room"])}
-    report["floor_ms"] = {name: 1e3 * bake_floor(options.threads, name) for name in ("hard", "exact", "pcss")}
-    for name, row in report["embree"].items():
-        print(name, *(f"{key} {value:.4g}" for key, value in row.items()), sep="  ")
-    for row in report["filters"]["room"]:
-        print(*(f"{key} {value:.4g}" if key != "filter" else f"{value:9s}" for key, value in row.items()), sep="  ")
-    print("1024² floor, two lights:", *(f"{name} {ms:.0f} ms" for name, ms in report["floor_ms"].items()), sep="  ")
-    options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    report["bias"] = measure_bias(launcher)
+    everything = Launcher("cpu").threads
+    report["floor_ms"] = {
+        threads: {name: 1e3 * bake_floor(threads, name) for name in FLOOR_FILTERS} for threads in (1, everything)
+    }
+    text = json.dumps(report, indent=2)
+    print(text)
+    options.json.write_text(text + "\n", encoding="utf-8")
+    write_tables(report)
 
 
 if __name__ == "__main__":
