@@ -72,6 +72,31 @@ def test_bake_all_leaves_out_what_cannot_hold_a_bake(warp_smoke):
     assert receivers == {"/World/Floor"}
 
 
+def test_quality_and_budget(warp_smoke, tmp_path, monkeypatch):
+    """`plan` and `run` say what a quality sets and keeps; a budget is measured, kept to, and put into the report."""
+    _, out, _ = warp_smoke("plan", PLUME, "--quality", "draft")
+    assert "Quality draft sets /World/Smoke advection " in out
+    assert "The stage's own are kept: /World/Smoke resolution; /World/Floor texture_size" in out
+    _, out, _ = warp_smoke("plan", PLUME, "--quality", "draft", "--resolution", 64, "--json")
+    assert json.loads(out)["chosen"]["kept"]["/World/Smoke"] == ["resolution"]
+
+    scene = plume(resolution=8, frames=2)
+    replace(scene, surfaces=[], lights=[]).save(tmp_path / "puff.usda")
+    status, _, err = warp_smoke("run", "puff.usda", "--budget", 1e6, "--threads", 1)
+    assert status == 0
+    assert err.startswith("Budget of 1e+06 ms a frame sets /World/Smoke resolution ")
+    assert "measured now and stored in out/puff.study/results.json" in err
+    chosen = json.loads((tmp_path / "out/puff/report.json").read_text())["chosen"]
+    assert chosen["by"] == "Budget of 1e+06 ms a frame"
+    assert chosen["measured"]["milliseconds"] > 0.0
+    assert not (tmp_path / "out/puff/textures").exists()
+    monkeypatch.setattr("warp_smoke.study.disclosure.source_digest", lambda: "another")
+    status, _, err = warp_smoke("run", "puff.usda", "--budget", 1e-6, "--threads", 1)
+    assert status == 2
+    assert "budget is 1e-06; allowed: from " in err
+    assert "ms, the cheapest there is" in err
+
+
 def test_warnings_of_the_bake_are_printed(warp_smoke, tmp_path):
     """What could not be baked as asked is said on standard error, one line each."""
     text = PLUME.read_text().replace("def Camera", "def Scope")
@@ -107,6 +132,12 @@ PLUME = STAGES / "plume.usda"
         (["run", PLUME, "--frames", "x"], "--frames is x"),
         (["run", PLUME, "--resolution", "0"], "resolution is 0"),
         (["run", PLUME, "--resolution", "many"], "many"),
+        (["run", PLUME, "--quality", "best"], "quality is best; allowed: draft, preview, final"),
+        (["plan", PLUME, "--quality", "best"], "quality is best"),
+        (["run", PLUME, "--quality", "draft", "--budget", "40"], "quality draft and budget 40.0; allowed: one of"),
+        (["run", PLUME, "--max-error", "0.1", "--budget", "40"], "max_error 0.1 and budget 40.0; allowed: one of"),
+        (["run", PLUME, "--budget", "0"], "budget is 0.0; allowed"),
+        (["run", PLUME, "--resolution", "8", "--budget", "40"], "--resolution is 8; allowed: none"),
         (["run", PLUME, "--device", "abacus"], "device is abacus; allowed here: cpu"),
         (["run", PLUME, "--threads", "-1"], "threads is -1"),
         (["run", PLUME, "-o", STAGES], "would overwrite"),

@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from time import monotonic
@@ -17,6 +18,7 @@ from rich.console import Console
 
 import warp_smoke
 from warp_smoke.interrupt import Interrupted
+from warp_smoke.run import plan_run
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -45,6 +47,9 @@ def run(
     *,
     output: Output = None,
     frames: str | None = None,
+    quality: str | None = None,
+    max_error: float | None = None,
+    budget: float | None = None,
     resolution: int | None = None,
     bake_all: bool = False,
     device: str = "cpu",
@@ -67,6 +72,12 @@ def run(
         Folder for the results; out/NAME unless given.
     frames
         First and last frame as A:B; the stage's unless given.
+    quality
+        draft, preview or final: measured settings for all that the stage leaves open.
+    max_error
+        Choose the fastest resolution and scheme within this error: relative L2 of the density, or rms of the bakes.
+    budget
+        Choose the most exact resolution and scheme of which a frame takes no longer, in milliseconds.
     resolution
         Cells along the longest side of every domain, instead of the stage's.
     bake_all
@@ -91,6 +102,15 @@ def run(
         Print the report as JSON.
     """
     scene = _open(stage, frames, resolution, bake_all)
+    by_measure = max_error is not None or budget is not None
+    if by_measure and resolution is not None:
+        raise ValueError(f"--resolution is {resolution}; allowed: none, where --max-error or --budget chooses it")
+    choice = {"quality": quality, "max_error": max_error, "budget": budget}
+    with _progress_bar() as bar:
+        planned = plan_run(scene, **choice, device=device, threads=threads, on_row=_say_rows(bar))
+    scene = planned.scene
+    if planned.chosen:
+        _err.print(str(planned.chosen), soft_wrap=True, markup=False, highlight=False)
     live = warp_smoke.live_preview(scene) if watch else None
     bar = _progress_bar()
     task = bar.add_task("Loading kernels (compiled on first use)", total=len(scene.frames))
@@ -114,7 +134,7 @@ def run(
 
     options = {"device": device, "threads": threads, "depth_maps": depth_maps, "on_frame": show}
     with bar:
-        result = warp_smoke.run(scene, output, resume=resume, checkpoint_every=checkpoint_every, **options)
+        result = warp_smoke.run(planned, output, resume=resume, checkpoint_every=checkpoint_every, **options)
     if resume and not made:
         _err.print("Finished already: nothing to do without a change, or without --resume")
     if live:
@@ -143,6 +163,7 @@ def plan(
     stage: Path,
     *,
     frames: str | None = None,
+    quality: str | None = None,
     resolution: int | None = None,
     bake_all: bool = False,
     as_json: Annotated[bool, Parameter(name="--json")] = False,
@@ -155,6 +176,8 @@ def plan(
         The USD stage.
     frames
         First and last frame as A:B; the stage's unless given.
+    quality
+        draft, preview or final: measured settings for all that the stage leaves open.
     resolution
         Cells along the longest side of every domain, instead of the stage's.
     bake_all
@@ -167,12 +190,15 @@ def plan(
     from warp_smoke.launch import Launcher
 
     scene = _open(stage, frames, resolution, bake_all)
-    made = warp_smoke.make_plan(scene)
+    made = warp_smoke.make_plan(scene, quality=quality)
     if as_json:
         passes, left_out = ([asdict(each) for each in kind] for kind in (made.passes, made.left_out))
-        print(json.dumps({"passes": passes, "left_out": left_out, "bytes": made.bytes}, indent=2))
+        plain = {"passes": passes, "left_out": left_out, "bytes": made.bytes}
+        print(json.dumps(plain | {"chosen": asdict(made.chosen) if made.chosen else None}, indent=2))
         return
     _warn([*scene.warnings, *made.warnings])
+    if made.chosen:
+        _out.print(str(made.chosen), soft_wrap=True, markup=False, highlight=False)
     table = Table("Pass", "For", "When", "Why", title="Runs, in this order")
     for each in made.passes:
         method = f"\n[dim]{each.method}[/dim]" if each.method else ""
@@ -305,19 +331,8 @@ def study(
     as_json
         Print disclosure, orders and rows as JSON.
     """
-    bar = _progress_bar()
-    task = bar.add_task("Measuring (kernels are compiled on first use)", total=None)
-    said = monotonic()
-
-    def show(row: "Row", number: int, count: int) -> None:
-        nonlocal said
-        bar.update(task, completed=number, total=count, description=f"{row.suite}: {row.problem}, {row.method}")
-        if bar.disable and monotonic() - said > _SECONDS_BETWEEN_LINES:
-            said = monotonic()
-            _err.print(f"{number} of {count}: {row.suite}, {row.problem}, {row.method}", highlight=False)
-
-    options = {"suites": suite, "full": full, "device": device, "threads": threads, "on_row": show}
-    with bar:
+    with _progress_bar() as bar:
+        options = {"suites": suite, "full": full, "device": device, "threads": threads, "on_row": _say_rows(bar)}
         result = warp_smoke.study(stage, output, **options)
     if as_json:
         print(json.dumps(result.as_json(), indent=2))
@@ -389,6 +404,21 @@ def _progress_bar() -> "Progress":
     return Progress(*columns, TimeRemainingColumn(), console=_err, transient=True, disable=not _err.is_terminal)
 
 
+def _say_rows(bar: "Progress") -> Callable[["Row", int, int], None]:
+    """Shows how far a study is: for each row, its number and their count."""
+    task = bar.add_task("Measuring (kernels are compiled on first use)", total=None)
+    said = monotonic()
+
+    def show(row: "Row", number: int, count: int) -> None:
+        nonlocal said
+        bar.update(task, completed=number, total=count, description=f"{row.suite}: {row.problem}, {row.method}")
+        if bar.disable and monotonic() - said > _SECONDS_BETWEEN_LINES:
+            said = monotonic()
+            _err.print(f"{number} of {count}: {row.suite}, {row.problem}, {row.method}", highlight=False)
+
+    return show
+
+
 def _open(stage: Path, frames: str | None, resolution: int | None, bake_all: bool) -> "warp_smoke.Scene":
     """The scene of a stage with the command line's changes."""
     scene = warp_smoke.Scene.open(stage)
@@ -400,7 +430,8 @@ def _open(stage: Path, frames: str | None, resolution: int | None, bake_all: boo
             allowed = "A:B, whole numbers with A ≤ B"
             raise ValueError(f"--frames is {frames}; allowed: {allowed}") from None
     if resolution is not None:
-        scene = replace(scene, domains=[replace(domain, resolution=resolution) for domain in scene.domains])
+        domains = [replace(d, resolution=resolution, given=d.given | {"resolution"}) for d in scene.domains]
+        scene = replace(scene, domains=domains)
     if bake_all:
         baked = [s.receiver or (warp_smoke.Receiver(path=s.path) if s.holds_bakes else None) for s in scene.surfaces]
         surfaces = [replace(s, receiver=receiver) for s, receiver in zip(scene.surfaces, baked, strict=True)]

@@ -318,6 +318,7 @@ class Output:
             "device": str(launcher.device),
             "threads": launcher.threads,
             "environment": environment(),
+            "chosen": asdict(self._plan.chosen) if self._plan.chosen else None,
             "plan": [each.name + (f" [{each.method}]" if each.method else "") for each in self._plan.passes],
             "device_bytes": sum(launcher.allocated.values()),
             "seconds": seconds,

@@ -2,24 +2,29 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 from warp_smoke.files import check_folder
-from warp_smoke.plan import make_plan
+from warp_smoke.plan import Plan, make_plan
 from warp_smoke.record import FieldError, whole
 from warp_smoke.scene import Scene
 
 if TYPE_CHECKING:
     from warp_smoke.output import Result
     from warp_smoke.simulation import Frame
+    from warp_smoke.study.case import Row
 
 
 def run(
-    scene: Scene | str | Path,
+    scene: Scene | Plan | str | Path,
     folder: str | Path | None = None,
     *,
+    quality: str | None = None,
+    max_error: float | None = None,
+    budget: float | None = None,
     device: str = "cpu",
     threads: int | None = None,
     depth_maps: bool = False,
@@ -32,8 +37,11 @@ def run(
     SIGINT (Ctrl-C) and SIGTERM let the frame in hand finish, and leave a checkpoint and a stage of the frames so far.
 
     Args:
-        scene: what to run, or the file of a stage.
+        scene: what to run, the file of a stage, or a plan made of one.
         folder: for the results; `out/NAME` unless given.
+        quality: a preset for what the scene leaves open: draft, preview or final.
+        max_error: chooses the fastest settings that are measured to be within it (see `study.choice.choose`).
+        budget: chooses the best settings that are measured to take no longer for a frame [ms].
         device: `cpu`, `cuda` or `cuda:N`.
         threads: CPU threads; all unless given.
         depth_maps: whether to write the shadow maps of the last frame as `textures/LIGHT.depth.png`, to look at.
@@ -52,7 +60,10 @@ def run(
         NotFiniteError: a field is not finite; the checkpoint and the frames before stay.
         Interrupted: a signal came; a KeyboardInterrupt that says which.
     """
-    if not isinstance(scene, Scene):
+    plan = scene if isinstance(scene, Plan) else None
+    if plan:
+        scene = plan.scene
+    elif not isinstance(scene, Scene):
         scene = Scene.open(scene)
     name = scene.source.stem if scene.source else "scene"
     folder = Path("out", name) if folder is None else Path(folder)
@@ -64,7 +75,9 @@ def run(
     check_folder(folder)
     if checkpoint_every is not None:
         whole("run", "checkpoint_every", checkpoint_every, 0, 10**9)
-    plan = make_plan(scene)
+    choice = {"quality": quality, "max_error": max_error, "budget": budget}
+    plan = plan or plan_run(scene, **choice, device=device, threads=threads)
+    scene = plan.scene
 
     from warp_smoke.checkpoint import read_checkpoint
     from warp_smoke.fingerprint import digest, fingerprint
@@ -98,6 +111,38 @@ def run(
         if depth_maps:
             output.write_depth_maps()
         return output.finish(set_up=ready - began)
+
+
+def plan_run(
+    scene: Scene,
+    *,
+    quality: str | None = None,
+    max_error: float | None = None,
+    budget: float | None = None,
+    device: str = "cpu",
+    threads: int | None = None,
+    on_row: Callable[["Row", int, int], None] | None = None,
+) -> Plan:
+    """The plan of a scene with what at most one of quality, error and budget chooses; see `run`.
+
+    Settings that are chosen by error or budget are measured first unless they are known; `on_row` is called with each
+    row, its number and their count.
+
+    Raises:
+        FieldError: more than one is given, or nothing can be chosen.
+    """
+    asked = {"quality": quality, "max_error": max_error, "budget": budget}
+    given = {name: value for name, value in asked.items() if value is not None}
+    if len(given) > 1:
+        both = " and ".join(f"{name} {value}" for name, value in given.items())
+        raise FieldError("run", "choice of settings", both, "one of quality, max_error and budget")
+    if max_error is None and budget is None:
+        return make_plan(scene, quality=quality)
+    from warp_smoke.study.choice import choose  # needs Warp, which takes a moment to load
+
+    asked = {"max_error": max_error, "budget": budget}
+    scene, chosen = choose(scene, **asked, device=device, threads=threads, on_row=on_row)
+    return replace(make_plan(scene), chosen=chosen)
 
 
 def _finished_report(folder: Path, fingerprint: str) -> dict | None:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from warp_smoke.lattice import Lattice
 from warp_smoke.plan.doubts import dark_receivers, open_meshes
 from warp_smoke.plan.host_memory import host_estimate
+from warp_smoke.quality import Chosen
 from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, Emitter, Light, Scene, SmokeDomain, Surface
 
 # Fluid first, then what reads its density; inside each group as a step runs.
@@ -195,6 +196,7 @@ class Plan:
         left_out: what is not run.
         domains, receivers, volumes: the same, as the executor reads it.
         bytes: estimate of device memory by prim path [bytes].
+        chosen: settings that a quality preset, an error or a budget chose; None = all are the scene's.
     """
 
     scene: Scene
@@ -204,6 +206,7 @@ class Plan:
     receivers: tuple[ReceiverPlan, ...]
     volumes: tuple[VolumePlan, ...]
     bytes: dict[str, int]
+    chosen: Chosen | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -254,4 +257,5 @@ class Plan:
     def __str__(self) -> str:
         runs = [f"  {each}" for each in self.passes] or ["  nothing"]
         rests = [f"  {each}" for each in self.left_out]
-        return "\n".join(["Runs, in this order:", *runs, "Left out:", *rests, self.memory])
+        chosen = [str(self.chosen)] if self.chosen else []
+        return "\n".join([*chosen, "Runs, in this order:", *runs, "Left out:", *rests, self.memory])

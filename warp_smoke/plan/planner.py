@@ -8,21 +8,24 @@ from warp_smoke.plan.passes import Ledger, Plan
 from warp_smoke.plan.shading import plan_receivers
 from warp_smoke.plan.surface_shadow import SurfaceShadows
 from warp_smoke.plan.volumes import plan_volumes
+from warp_smoke.quality import choose_quality
 from warp_smoke.scene import Scene
 
 
-def make_plan(scene: Scene | str | Path, stirred_by: str = "") -> Plan:
+def make_plan(scene: Scene | str | Path, stirred_by: str = "", *, quality: str | None = None) -> Plan:
     """Works out which passes the outputs of a scene, or of a stage's file, need.
 
     Args:
         scene: what to plan for.
         stirred_by: what else moves the air, such as a script's force, which the scene does not tell of.
+        quality: a preset for what the scene leaves open: draft, preview or final.
 
     Raises:
-        FieldError: a domain asks for a scheme that cannot serve it.
+        FieldError: a domain asks for a scheme that cannot serve it, or there is no such preset.
     """
     if not isinstance(scene, Scene):
         scene = Scene.open(scene)
+    scene, chosen = (scene, None) if quality is None else choose_quality(scene, quality)
     ledger = Ledger()
     if not scene.domains:
         ledger.omit("simulate", (), "the stage has no smoke domain")
@@ -33,4 +36,4 @@ def make_plan(scene: Scene | str | Path, stirred_by: str = "") -> Plan:
     shadows.note_faces_left_out()
     estimate = memory_estimate(scene, domains, receivers, volumes)
     left_out = tuple(ledger.left_out.values())
-    return Plan(scene, ledger.in_order(), left_out, domains, receivers, volumes, estimate)
+    return Plan(scene, ledger.in_order(), left_out, domains, receivers, volumes, estimate, chosen)

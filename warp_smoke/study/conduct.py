@@ -82,9 +82,7 @@ def conduct(
 
         suites[SCENE] = SceneStudy(scene)
     launcher = Launcher(device, threads)
-    disclosure = disclose(launcher)
-    if scene is not None:
-        disclosure |= {"stage": _name(scene), "scene": digest(fingerprint(scene, device))[:12]}
+    disclosure = disclose_study(launcher, scene)
     cases = [case for suite in suites.values() for case in suite.cases(full)]
     store = Store(folder, disclosure)
     done = {key for key, row in store.rows.items() if row.failure is None}
@@ -114,6 +112,14 @@ def conduct(
         unexpected={name: suite.unexpected(valid[name]) for name, suite in suites.items()},
         recommendation=suites[SCENE].recommendation(valid[SCENE]) if SCENE in suites else None,
     )
+
+
+def disclose_study(launcher: Launcher, scene: Scene | None) -> dict:
+    """Where a study is made, and of which scene."""
+    disclosure = disclose(launcher)
+    if scene is not None:
+        disclosure |= {"stage": _name(scene), "scene": digest(fingerprint(scene, str(launcher.device)))[:12]}
+    return disclosure
 
 
 def _write(folder: Path, disclosure: dict, suites: Mapping[str, Suite], rows: Mapping[str, list[Row]]) -> None:

@@ -1,0 +1,110 @@
+"""Quality presets: they fill what is left open and nothing else, say so, and lie on the measured front."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from scenes import plume
+
+import warp_smoke as ws
+from warp_smoke.quality import QUALITIES, choose_quality, measured_presets, preset, preset_points, samples_of
+from warp_smoke.record import FieldError
+
+# A preset may be dominated by so much, in time and in error: what timings of one machine differ by from day to day,
+# and what other stages than the measured ones may turn around.
+_MARGIN = 0.3
+
+
+@pytest.mark.parametrize("family", ["smoke", "light", "picture"])
+def test_presets_are_on_the_measured_front(family):
+    """No measured setting is nearer and faster than a preset by more than the margin, and presets are in order."""
+    points = measured_presets()[family]["points"]
+    named = [next(point for point in points if name in point["presets"]) for name in QUALITIES]
+    for name, mine in zip(QUALITIES, named, strict=True):
+        clearly = {key: mine[key] / (1 + _MARGIN) for key in ("milliseconds", "error")}
+        better = [
+            point["settings"]
+            for point in points
+            if (point["milliseconds"] < clearly["milliseconds"] and point["error"] <= mine["error"])
+            or (point["error"] < clearly["error"] and point["milliseconds"] <= mine["milliseconds"])
+        ]
+        assert not better, f"{name} is dominated"
+    errors, times = ([point[key] for point in named] for key in ("error", "milliseconds"))
+    assert errors == sorted(errors, reverse=True)
+    assert times == sorted(times)
+
+
+def test_measurements_say_where_they_are_from():
+    """Stage, processor, versions and what the error means are stored with each family."""
+    for each in measured_presets().values():
+        assert each["stage"].endswith(".usda")
+        assert each["machine"]["processor"]
+        assert each["machine"]["warp-lang"]
+        assert each["means"]
+        for point in each["points"]:
+            assert point["error"] > 0.0
+            assert point["milliseconds"] > 0.0
+            assert point["ns_per_item"] > 0.0
+
+
+@pytest.mark.parametrize("name", QUALITIES)
+def test_fills_what_is_left_open(name):
+    """A scene that sets nothing gets every setting of the preset, and nothing else of it changes."""
+    quality, scene = preset(name), plume(resolution=64)
+    chosen, why = choose_quality(scene, name)
+    (domain,), (lamp, sun) = chosen.domains, chosen.lights
+    for field in ("resolution", "advection", "max_courant", "pressure_tolerance"):
+        assert getattr(domain, field) == getattr(quality, field)
+    assert lamp.shadow_filter == sun.shadow_filter == quality.shadow_filter
+    assert (lamp.shadow_map_size, sun.shadow_map_size) == (quality.shadow_map_size, 2 * quality.shadow_map_size)
+    assert lamp.smoke_shadow == quality.smoke_shadow
+    assert lamp.smoke_shadow_size == round(quality.smoke_shadow_share * quality.resolution)
+    restored = replace(
+        domain,
+        **{field: getattr(scene.domains[0], field) for field in why.settings[domain.path]},
+    )
+    assert restored == scene.domains[0]
+    assert chosen.emitters == scene.emitters
+    assert samples_of(name) == quality.samples
+
+
+def test_keeps_what_is_given():
+    """Fields that the stage sets stay, also where they have the default's value, and are named."""
+    scene = plume(resolution=64, advection="maccormack")
+    domain = replace(scene.domains[0], given=frozenset({"resolution"}))
+    light = replace(scene.lights[0], shadow_filter="exact")
+    chosen, why = choose_quality(replace(scene, domains=[domain], lights=[light]), "draft")
+    assert chosen.domains[0].resolution == 64
+    assert chosen.domains[0].advection == "maccormack"
+    assert chosen.domains[0].max_courant == preset("draft").max_courant
+    assert chosen.lights[0].shadow_filter == "exact"
+    assert set(why.kept["/World/Smoke"]) == {"resolution", "advection"}
+    assert "The stage's own are kept: /World/Smoke resolution, advection" in str(why)
+
+
+def test_plan_says_what_was_chosen():
+    """The plan of a quality is that of the scene with its settings, and names them with their measured error."""
+    scene = plume(resolution=64)
+    made = ws.make_plan(scene, quality="draft")
+    assert made.domains[0].advection == preset("draft").advection
+    assert made.scene == choose_quality(scene, "draft")[0]
+    assert made.chosen.by == "Quality draft"
+    assert f"density off by {preset_points('draft')['smoke']['error']:.2g}" in str(made)
+    assert ws.make_plan(scene).chosen is None
+
+
+def test_report_holds_the_choice(tmp_path):
+    """Python's `run` takes a quality, and its report says what it set."""
+    scene = replace(plume(resolution=12, frames=1), surfaces=[])
+    domain = replace(scene.domains[0], given=frozenset({"resolution"}))
+    result = ws.run(replace(scene, domains=[domain]), tmp_path / "out", quality="final")
+    chosen = json.loads((tmp_path / "out/report.json").read_text())["chosen"]
+    assert chosen == json.loads(json.dumps(result.report["chosen"]))
+    assert chosen["settings"]["/World/Smoke"]["advection"] == preset("final").advection
+    assert chosen["kept"]["/World/Smoke"] == ["resolution"]
+
+
+def test_unknown_quality():
+    """One line names what is allowed."""
+    with pytest.raises(FieldError, match="quality is best; allowed: draft, preview, final"):
+        ws.make_plan(plume(), quality="best")
