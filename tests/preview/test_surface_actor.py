@@ -44,6 +44,29 @@ def test_baked_picture_is_the_right_way_up_and_unchanged(open_plotter):
     np.testing.assert_array_equal(_quarters(seen), CORNERS)
 
 
+@pytest.mark.parametrize("stops", [0.0, 1.0])
+def test_pictures_of_16_bits_and_with_alpha(open_plotter, stops):
+    """They are drawn as those of 8 bits without alpha, whatever the exposure."""
+    pixels = np.kron(CORNERS, np.ones((16, 16, 1), np.uint8))
+    opaque = np.dstack([pixels, np.full(pixels.shape[:2], 90, np.uint8)])
+    surface = ws.Surface(path="/Square", mesh=SQUARE)
+    seen = [
+        _draw(open_plotter, surface, show=lambda actor, each=each: actor.show_picture(each, stops))
+        for each in (pixels, pixels * np.uint16(257), opaque)
+    ]
+    np.testing.assert_array_equal(seen[0], seen[1])
+    np.testing.assert_array_equal(seen[0], seen[2])
+
+
+def test_pictures_lie_over_the_coordinates_of_the_bake(open_plotter):
+    """On a mesh whose coordinates repeat, a baked picture covers it once; its own texture goes on repeating."""
+    pixels = np.kron(CORNERS, np.ones((16, 16, 1), np.uint8))
+    mesh = ws.Mesh(SQUARE.points, SQUARE.triangles, SQUARE.normals, 3 * SQUARE.uvs - 1)
+    surface = ws.Surface(path="/Square", mesh=mesh, receiver=ws.Receiver(path="/Square"))
+    seen = _draw(open_plotter, surface, show=lambda actor: actor.show_picture(pixels))
+    np.testing.assert_array_equal(_quarters(seen), CORNERS)
+
+
 def test_next_picture_replaces_the_last(open_plotter):
     """The picture shown last is the one drawn."""
     first, second = (np.full((4, 4, 3), grey, np.uint8) for grey in (40, 90))

@@ -19,6 +19,11 @@ def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
     return _BYTES[np.rint(_STEPS * root).astype(np.int16)]
 
 
+def to_bytes(codes: np.ndarray) -> np.ndarray:
+    """The nearest codes of 8 bits, uint8, to codes of 8 or 16 bits; the same array if it has them."""
+    return codes if codes.dtype == np.uint8 else np.rint(codes / 257.0).astype(np.uint8)
+
+
 def expose_codes(codes: np.ndarray, stops: float) -> np.ndarray:
     """Bytes of sRGB with their light doubled for each stop; the same array for none."""
     if stops == 0:

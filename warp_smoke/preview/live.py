@@ -40,7 +40,7 @@ class LiveStage:
         """What was simulated, as it is drawn."""
         for (path, bake), values in made.pictures.items():
             if bake == "lit":
-                (self._pictures if values.dtype == np.uint8 else self._colors)[path] = values
+                (self._pictures if values.dtype in (np.uint8, np.uint16) else self._colors)[path] = values
         return self._frame(made.number, {path: fields.density for path, fields in made.smoke.items()})
 
     def _frame(self, number: int, densities: Mapping[str, np.ndarray | None]) -> Frame:

@@ -3,7 +3,7 @@
 import numpy as np
 import pyvista as pv
 
-from warp_smoke.preview.color import expose_codes, linear_to_srgb
+from warp_smoke.preview.color import expose_codes, linear_to_srgb, to_bytes
 from warp_smoke.record import value_at
 from warp_smoke.scene import Material, Surface
 from warp_smoke.shading.textures import Picture
@@ -74,11 +74,11 @@ class SurfaceActor:
                 self._poly.point_data.active_normals = mesh.normals_at(time).reshape(-1, 3)
 
     def show_picture(self, pixels: np.ndarray, exposure: float = 0.0) -> None:
-        """Draws a baked picture as it is: [h, w, 3] or [h, w, 4] uint8 sRGB, top row first; opaque."""
+        """Draws a baked picture as it is: [h, w, 3 or 4] sRGB of 8 or 16 bits, top row first; opaque."""
         if self._changes_to(pixels, exposure):
             self._unlight()
             self._lay_over(self.surface.bake_uvs)
-            self.actor.texture = make_texture(expose_codes(pixels[..., :3], exposure), "clamp")
+            self.actor.texture = make_texture(expose_codes(to_bytes(pixels[..., :3]), exposure), "clamp")
 
     def show_colors(self, colors: np.ndarray, exposure: float = 0.0) -> None:
         """Draws baked colours as they are: linear RGB at each point of the mesh, [n, 3]."""

@@ -251,6 +251,9 @@ def _author_surface(stage: Usd.Stage, surface: Surface) -> None:
         subset.CreateFamilyNameAttr(UsdShade.Tokens.materialBind)
         subset.CreateIndicesAttr(Vt.IntArray.FromNumpy(each.triangles))
         _bind(subset.GetPrim(), each.material)
+    if surface.subsets:
+        family = UsdGeom.Tokens.nonOverlapping
+        UsdShade.MaterialBindingAPI(prim).SetMaterialBindSubsetsFamilyType(family)
 
 
 def _bind(prim: Usd.Prim, material: Material | None) -> None:
