@@ -16,6 +16,7 @@ import warp as wp
 from warp_smoke.fluid.grid import (
     Block,
     Box,
+    Patch,
     all_cells,
     around,
     beside,
@@ -247,6 +248,7 @@ class _Samples:
         shape: of the field.
         carried: the samples that are carried: those between cells that are active; faces on the domain's sides are not.
         kept: the others within the domain, which stay as they are.
+        few: whether fewer are carried than kept.
         continued: faces on open sides, which go on as the next face inside; then ghosts.
         thin: whether there is no face inside, in a domain one cell thick.
         clamped: first and last sample along each axis, lower and upper.
@@ -261,7 +263,7 @@ class _Samples:
         # Of the faces on a periodic side the first are carried, and the last are ghosts.
         own = Box(layers, tuple(n - g if g else m for n, g, m in zip(cells, layers, self.shape, strict=True)))
         self._inside = patch_of(common(box_of(every), own), every)
-        self.carried, self.kept, self.thin = self._inside, [], 0 in self._inside.shape
+        self.carried, self.kept, self.few, self.thin = self._inside, [], False, 0 in self._inside.shape
         last = [n - 1 for n in self.shape]
         out = [int(side == "open") for side in sides]
         self.clamped = wp.vec3(0.0, 0.0, 0.0), wp.vec3(*last)
@@ -275,6 +277,12 @@ class _Samples:
         active = Box(lower, tuple(upper))
         self.carried = patch_of(active, self._inside)
         self.kept = [patch_of(box, all_cells(self.shape)) for box in around(active, inside)]
+        self.few = 2 * prod(self.carried.shape) < prod(self._inside.shape)
+
+    @property
+    def alone(self) -> Patch:
+        """The carried samples, without the cells beside them."""
+        return patch_of(box_of(self.carried), all_cells(self.shape))
 
 
 class SemiLagrangian:
@@ -351,7 +359,7 @@ class SemiLagrangian:
         trace_back(self._launcher, self._scheme, self._traced, velocity, step, self._trace_limits, self._back)
 
     def advect_velocity(self, velocity: tuple, wind: tuple[float, float, float] | None = None) -> tuple:
-        """Carries u, v, w; returns them in other arrays, and keeps the given ones for the next time.
+        """Carries u, v, w; returns them, in other arrays or the given ones, and keeps the others for the next time.
 
         Args:
             velocity: u, v, w on faces [m/s].
@@ -368,7 +376,7 @@ class SemiLagrangian:
         )
 
     def advect_scalar(self, scalar: wp.array, ambient: float) -> wp.array:
-        """Carries a field of the cells; returns it in another array, and keeps the given one for the next time.
+        """Carries a field of the cells; returns it, in another array or the given one, and keeps the other.
 
         Args:
             scalar: [nx, ny, nz].
@@ -379,6 +387,12 @@ class SemiLagrangian:
     def _advect(self, samples: _Samples, field: wp.array, limits: tuple, ambient: float) -> wp.array:
         # Faces on closed sides are never written: they are 0 in the field and in the spare array.
         new = self._spare[samples]
+        if samples.few:  # then it is less to copy them back than to copy the others
+            self._carry(samples, field, limits, ambient, new)
+            copy_samples(self._launcher, [samples.alone], new, field)
+            self._continue(samples, field, field)
+            return field
+        self._keep(samples, field, new)
         self._carry(samples, field, limits, ambient, new)
         self._continue(samples, field, new)
         self._spare[samples] = field
@@ -386,7 +400,6 @@ class SemiLagrangian:
 
     def _carry(self, samples: _Samples, field: wp.array, limits: tuple, ambient: float, new: wp.array) -> None:
         shape, block = samples.carried
-        self._keep(samples, field, new)
         self._launcher.launch(self._kernel, shape, block, *self._back, field, *limits, ambient, new)
         if self._boundary and samples is self._cells:
             self._boundary.sample(self._back, field, limits, ambient, (new, new, new))
@@ -428,7 +441,6 @@ class MacCormack(SemiLagrangian):
 
     def _carry(self, samples: _Samples, field: wp.array, limits: tuple, ambient: float, new: wp.array) -> None:
         self._keep(samples, field, self._guess[samples])
-        self._keep(samples, field, new)
         self._make_guess(samples, field, limits, ambient)
         self._continue(samples, field, self._guess[samples])
         self._correct(samples, field, limits, new)
