@@ -67,7 +67,7 @@ def kernel_modules(plan: Plan) -> list[str]:
         for key in (each.name, f"{each.name} {each.method}"):
             found.update(_FLUID.get(key, ()))
     for receiver in plan.receivers:
-        found.update(("shading.bake", "shading.radiance", "shading.surface_points", "shading.texels"))
+        found.update(f"shading.{name}" for name in ("compose", "radiance", "surface_points", "texel_picture", "texels"))
         for light in receiver.lights:
             if light.surface_shadow:
                 found.add(_SURFACE_SHADOW[light.surface_shadow])

@@ -93,7 +93,9 @@ def _receiver_bytes(plan: ReceiverPlan) -> int:
     texel += 12 * (lit or irradiance) + 12 * irradiance
     texel += 6 * (irradiance or (lit and plan.surface.receiver.texture_bits == 16))
     for each in plan.lights:
-        texel += 12 * (lit + irradiance) + 4 * bool(each.surface_shadow) + 4 * _channels(each) + shares
+        # The smoke's shares also as they were before, and again where smoke can reach.
+        texel += 12 * (lit + irradiance) + 4 * bool(each.surface_shadow) + 12 * _channels(each) + shares
+    texel += 21 * any(each.smoke for each in plan.lights)  # places, indices and points of what smoke can reach
     return plan.surface.receiver.texture_size**2 * texel + _picture_bytes(materials)
 
 
