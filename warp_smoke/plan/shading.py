@@ -29,6 +29,8 @@ def plan_receivers(
     for surface in candidates:
         if not np.any(over(surface.visible, scene.frames)):
             ledger.omit("bake", (surface.path,), "it is invisible at every frame")
+        elif not len(surface.mesh.triangles):
+            ledger.omit("bake", (surface.path,), "it has no triangles")
         elif not surface.receiver.bake:
             ledger.omit("bake", (surface.path,), "smoke:bake names no texture")
         elif not lights and not any(scene.ambient) and "normal" not in surface.receiver.bake:

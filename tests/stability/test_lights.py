@@ -1,0 +1,104 @@
+"""Lights where they hardly ever are: on a vertex, in a surface, inside a mesh or the smoke, overhead, grazing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hard_cases import check_finite, simulate, small_plume
+from scenes import at, shining
+
+import warp_smoke as ws
+from warp_smoke.scene import FALLOFF_MODELS, SHADOW_FILTERS, SMOKE_SHADOWS
+
+# The floor is in y = 0, -3 to 3; the cube around (0.9, 1.4, 0.3), 0.4 wide; smoke from (-1, 0, -1) to (1, 2, 1).
+POSITIONS = {
+    "on the floor's corner": (-3.0, 0.0, 3.0),
+    "on the floor": (0.4, 0.0, -0.7),
+    "on the floor's diagonal": (0.5, 0.0, -0.5),
+    "below the floor": (0.3, -1.0, 0.2),
+    "on the cube's corner": (0.7, 1.2, 0.1),
+    "in the cube's side": (0.9, 1.6, 0.3),
+    "inside the cube": (0.9, 1.4, 0.3),
+    "in the smoke": (0.1, 0.5, -0.1),
+    "on the smoke's side": (0.0, 2.0, 0.0),
+    "on the smoke's corner": (1.0, 2.0, 1.0),
+    "overhead": (0.0, 5.0, 0.0),
+    "grazing": (50.0, 1e-4, 0.0),
+    "a million units away": (0.0, 1e6, 0.0),
+}
+DIRECTIONS = {
+    "straight down": (0.0, -1.0, 0.0),
+    "straight up": (0.0, 1.0, 0.0),
+    "along the floor": (1.0, 0.0, 0.0),
+    "nearly along the floor": (1.0, -1e-6, 0.0),
+    "along a diagonal": (-1.0, -1.0, -1.0),
+}
+
+
+def lit_by(*lights: ws.Light) -> ws.Scene:
+    """The scene under other lights, without dependence on where they are: one frame, then one more."""
+    return replace(small_plume(12), lights=lights, end=2)
+
+
+@pytest.mark.parametrize("method", SHADOW_FILTERS)
+@pytest.mark.parametrize("place", POSITIONS)
+def test_point_lights(place, method):
+    """Every kind of surface shadow, with a point light anywhere, of no size or of some: finite pictures."""
+    fields = {"transform": at(*POSITIONS[place]), "shadow_filter": method, "shadow_map_size": 32, "intensity": 10.0}
+    lights = [ws.PointLight(path=f"/World/Lamp{n}", radius=radius, **fields) for n, radius in enumerate((0.0, 0.3))]
+    spot = ws.SpotLight(path="/World/Spot", cone_angle=30.0, **fields)
+    check_finite(simulate(lit_by(*lights, spot))[1])
+
+
+@pytest.mark.parametrize("method", SMOKE_SHADOWS)
+@pytest.mark.parametrize("place", POSITIONS)
+def test_smoke_shadows_of_point_lights(place, method):
+    """Every kind of smoke shadow, with a point light anywhere, inside the smoke too: finite pictures."""
+    lamp = ws.PointLight(path="/World/Lamp", transform=at(*POSITIONS[place]), smoke_shadow=method, shadow_map_size=32)
+    check_finite(simulate(lit_by(lamp))[1])
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+@pytest.mark.parametrize(
+    ("surface", "smoke"),
+    [(method, "march") for method in SHADOW_FILTERS] + [("hard", method) for method in SMOKE_SHADOWS],
+)
+def test_distant_lights(direction, surface, smoke):
+    """Every kind of shadow, from straight down to along the floor and from below: finite; from below, black."""
+    fields = {"shadow_filter": surface, "smoke_shadow": smoke, "shadow_map_size": 32}
+    sun = ws.DistantLight(path="/World/Sun", transform=shining(DIRECTIONS[direction]), **fields)
+    _, frames = simulate(lit_by(sun))
+    check_finite(frames)
+    brightest = frames[0].pictures["/World/Floor", "lit"].max()
+    if DIRECTIONS[direction][1] < -0.1:
+        assert brightest > 20
+    elif DIRECTIONS[direction][1] >= 0.0:
+        assert brightest == 0
+
+
+def test_overhead_light_is_even(record_property):
+    """A light straight above the middle of a floor lights it alike on all sides: nothing flips as directions do."""
+    lamp = ws.PointLight(path="/World/Lamp", transform=at(0.0, 3.0, 0.0), intensity=60.0, radius=0.0)
+    scene = replace(lit_by(lamp), domains=[], emitters=[], surfaces=small_plume(16).surfaces[:1])
+    picture = simulate(scene)[1][0].pictures["/World/Floor", "lit"].astype(int)
+    turned = [picture[::-1], picture[:, ::-1], picture.swapaxes(0, 1)]
+    difference = max(int(np.abs(picture - other).max()) for other in turned)
+    record_property("difference of mirrored pictures [codes of 255]", difference)
+    assert picture.min() > 0
+    assert difference <= 1
+
+
+@pytest.mark.parametrize("model", FALLOFF_MODELS)
+def test_light_in_the_floor_is_bounded(model):
+    """A light of any falloff in the middle of a texel: no infinite light, and the floor next to it is lit."""
+    fields = {"falloff_model": model, "falloff_end": 10.0, "radius": 0.0, "shadow_enable": False}
+    lamp = ws.PointLight(path="/World/Lamp", transform=at(0.25, 1e-6, 0.25), **fields)
+    check_finite(simulate(lit_by(lamp))[1])
+
+
+@pytest.mark.parametrize("method", SMOKE_SHADOWS)
+def test_light_that_was_in_the_smoke(method):
+    """A light that lies in the smoke at a time code before the first frame, or after the last: the run goes through."""
+    path = ws.Samples([-5.0, 1.0, 2.0, 9.0], np.array([at(0, 1, 0), at(0, 4, 0), at(0.5, 4, 0), at(0.2, 1.2, 0)]))
+    lamp = ws.PointLight(path="/World/Lamp", transform=path, smoke_shadow=method, shadow_map_size=32)
+    check_finite(simulate(lit_by(lamp))[1])
