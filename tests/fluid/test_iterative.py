@@ -142,6 +142,23 @@ def test_takes_in_changed_solids(launcher, name):
     np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
+def test_solids_that_move_within_their_cells_cost_nothing(launcher):
+    """When solids have moved but no cell or face has changed, nothing is prepared anew."""
+    fluid = np.ones((6, 7, 8))
+    fluid[2:4, 2:4, 2:4] = 0.0
+    solids = solids_of(launcher, fluid, open_shares(fluid, OPEN))
+    solver = PRESSURE_SOLVERS["multigrid"](launcher, PressureProblem(shape=fluid.shape, sides=OPEN, solids=solids))
+    before = launcher.launches["_sum_weights"]
+    for prepared in (1, 1, 2):
+        solids.changes += 1
+        if prepared == 2:
+            share = solids.wx.numpy().copy()
+            share[3, 5, 5] = 0.0
+            solids.wx.assign(share)
+        solve(launcher, solver, fluid)
+        assert launcher.launches["_sum_weights"] == before + prepared
+
+
 @pytest.mark.parametrize("name", AROUND_SOLIDS)
 def test_same_bits_for_any_number_of_threads(name):
     """1, 2 and 7 threads give bit-equal pressures and the same status."""

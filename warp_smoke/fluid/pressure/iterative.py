@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from math import isfinite, nan, prod, sqrt
 from typing import NamedTuple
 
+import numpy as np
 import warp as wp
 
 from warp_smoke.fluid.colliders import open_faces
@@ -197,6 +198,7 @@ class IterativePressure(ABC):
         self._sums = Sums(launcher, shape, 3, "pressure")
         centre = launcher.zeros(shape, "pressure")
         self._prepared_for = None  # `solids.changes` at that time
+        self._seen = None  # cells and faces at that time, on the host
         if solids is None:
             self._fluid = launcher.zeros(shape, "pressure")
             self._fluid.fill_(1.0)
@@ -221,7 +223,8 @@ class IterativePressure(ABC):
         solids = self._problem.solids
         changes = solids.changes if solids else 0
         if self._prepared_for != changes:
-            self._prepare()
+            if self._sees_change():
+                self._prepare()
             self._prepared_for = changes
         zero_guess = self._measure(divergence)
         if zero_guess.norm == 0.0:
@@ -244,6 +247,14 @@ class IterativePressure(ABC):
     @abstractmethod
     def _improve(self, pressure: wp.array, residual: Residual, zero_guess: Residual) -> tuple[int, Residual]:
         """Iterates until the residual is small or there were `max_iterations`; returns how often, and the residual."""
+
+    def _sees_change(self) -> bool:
+        """Whether any cell or face has changed since this was asked last: solids may move without that."""
+        now = [array.numpy() for array in (self._fluid, *self._operator.shares)]
+        if self._seen is not None and all(map(np.array_equal, now, self._seen)):
+            return False
+        self._seen = [array.copy() for array in now]
+        return True
 
     def _prepare(self) -> None:
         """Takes in where the solids are."""
