@@ -68,7 +68,6 @@ class Casters:
         corners = [self._corners(index, time) for index in visible]
         # A point, which no ray hits, keeps an empty set from being a special case.
         triangles = np.concatenate(corners) if any(map(len, corners)) else np.zeros((1, 3, 3), np.float32)
-        self._triangles = triangles
         self.lower, self.upper = (np.asarray(reduce(triangles, (0, 1)), np.float64) for reduce in (np.min, np.max))
         if visible != self._visible:
             self._visible = visible
@@ -82,6 +81,7 @@ class Casters:
         else:
             self.mesh.points.assign(self._boxes(triangles))
             self.mesh.refit()
+        self._patched = triangles[self._by_patch]
         # The hierarchy keeps the boxes' bounds; from here on its leaves hold the triangles themselves.
         self.mesh.points.assign(triangles.reshape(-1, 3))
         self.version += 1
@@ -98,7 +98,7 @@ class Casters:
 
     def boxes_behind_which(self, receivers: np.ndarray, light: np.ndarray, slack: float) -> np.ndarray:
         """Bounds of the patches of surfaces that may shadow receivers, [n, 2, 3]; see `coverage.casting_boxes`."""
-        return casting_boxes(self._triangles[self._by_patch], self._patches, receivers, light, slack)
+        return casting_boxes(self._patched, self._patches, receivers, light, slack)
 
     def _corners(self, index: int, time: float) -> np.ndarray:
         """Corners of a surface's triangles in set space, [m, 3, 3] float32, front faces counter-clockwise."""

@@ -40,6 +40,12 @@ def _row(a: wp.array3d[float], first: int):
 
 
 @wp.func
+def _integers(a: wp.array2d[int], n: int):
+    """The elements of row n of a contiguous table."""
+    return wp.array(ptr=a.ptr + wp.uint64(4) * wp.uint64(n * a.shape[1]), shape=(_LONG,), dtype=int)
+
+
+@wp.func
 def _flags(a: wp.array3d[int], n: int, p: int, first: int):
     """The elements of row (n, p) of a contiguous array of flags from one on."""
     offset = (n * a.shape[1] + p) * a.shape[2] + first
@@ -217,7 +223,6 @@ def _march_slices(
     """summed[l, p, q] = summed[l−1, p, q] + Σ_z ρ(a_z p + b_z, a_z q + c_z, z), bilinear, over the layer's z."""
     p, _, c = wp.tid()
     p += rows.first
-    src = _row(density, 0)
     sums = dense_store(summed_out)
     first = wp.max(c * rows.run, 0)
     end = wp.min(first + rows.run, summed_out.shape[2])
@@ -242,15 +247,18 @@ def _march_slices(
                 q = wp.max(first, int(wp.ceil((-1.0 - place[2]) / place[0])))
                 stop = wp.min(end, int(wp.ceil((float(nt) - place[2]) / place[0])))
                 wide = wp.where(nt > 1, 1.0, 0.0)
+                near_row = _row(density, k0)
+                far_row = _row(density, k1)
+                row = _row_store(summed_out, n, p, 0)
                 while q < stop:
                     t = place[0] * float(q) + place[2]
                     j = wp.clamp(int(t), 0, wp.max(nt - 2, 0))
                     j1 = wp.min(j + 1, nt - 1)
                     g0 = wp.max(1.0 - wp.abs(t - float(j)), 0.0)
                     g1 = wide * wp.max(1.0 - wp.abs(t - float(j + 1)), 0.0)
-                    near = g0 * src[k0 + j] + g1 * src[k0 + j1]
-                    far = g0 * src[k1 + j] + g1 * src[k1 + j1]
-                    sums[n, p, q] = bits(wp.cast(sums[n, p, q], float) + (w0 * near + w1 * far))
+                    near = g0 * near_row[j] + g1 * near_row[j1]
+                    far = g0 * far_row[j] + g1 * far_row[j1]
+                    row[q] = bits(wp.cast(row[q], float) + (w0 * near + w1 * far))
                     q += 1
 
 
@@ -284,11 +292,14 @@ def _gather_splats(
                 weight = s_weight[m, p, a]
                 if weight > 0.0 and slices.smoky[z, i] > 0:
                     row = slices.first + z * slices.z_step + i * slices.s_step
+                    firsts = _integers(t_first, m)
+                    added = _row_store(summed_out, n, p, 0)
                     for b in range(t_weight.shape[1]):
+                        weights = _row(t_weight, (m * t_weight.shape[1] + b) * t_weight.shape[2])
                         q = first
                         while q < end:
-                            value = weight * t_weight[m, b, q] * src[row + t_first[m, q] + b]
-                            sums[n, p, q] = bits(wp.cast(sums[n, p, q], float) + value)
+                            value = weight * weights[q] * src[row + firsts[q] + b]
+                            added[q] = bits(wp.cast(added[q], float) + value)
                             q += 1
 
 

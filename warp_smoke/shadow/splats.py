@@ -103,7 +103,7 @@ def splat_taps(splat: Splat, shear: Shear, shape: tuple[int, int]) -> tuple[Taps
 def tap_count(splat: Splat, shear: Shear, cells: int) -> int:
     """Cells that each texel gathers from along an axis of so many."""
     reach = splat.reach(shear.slice_places(splat.depths)[:, 0]) + _SLACK
-    return min(math.ceil(2.0 * reach.max()) + 1, cells)
+    return min(math.floor(2.0 * reach.max()) + 1, cells)
 
 
 def _taps(splat: Splat, a: np.ndarray, b: np.ndarray, texels: int, cells: int, count: int, share: float) -> Taps:
