@@ -70,8 +70,8 @@ def test_energy_diffusion(launcher):
     """Substeps and the exact answer diffuse as diffusion does, at second order; the paper's sweep keeps 1/(1 + 4 r)."""
     rows = rows_of(launcher, "Gaussian, diffused")
     assert smoke_shadow.unexpected(rows) == []
-    kept = {row.parameters["r"]: row.errors["variance_kept"] for row in rows if row.method == "paper"}
-    assert kept == pytest.approx({0.25: 0.5, 1.0: 0.2, 4.0: 1 / 17, 16.0: 1 / 65}, rel=1e-3)
+    kept = {row.resolution: row.errors["variance_kept"] for row in rows if row.method == "paper"}
+    assert kept == pytest.approx({16: 1 / 2, 32: 1 / 5, 64: 1 / 17, 128: 1 / 65}, rel=1e-3)
 
 
 def test_the_paper_s_sweep_is_no_implicit_step(launcher):

@@ -11,9 +11,11 @@ from warp_smoke.study.measure import measure_case
 
 
 def rows_of(launcher, problem, method, sizes):
-    """The suite's rows of a problem and method, at some resolutions."""
+    """The suite's rows of a problem and method, at some resolutions or numbers of rays."""
     chosen = [case for case in surface_shadow.cases(full=False) if (case.problem, case.method) == (problem, method)]
-    return [measure_case(launcher, case, 10.0) for case in chosen if case.resolution in sizes]
+    return [
+        measure_case(launcher, case, 10.0) for case in chosen if case.parameters.get("rays", case.resolution) in sizes
+    ]
 
 
 def test_keys_are_unique():

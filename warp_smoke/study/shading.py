@@ -34,9 +34,14 @@ from warp_smoke.study.words import percent
 SUITE = "shading"
 TITLE = "Shading"
 MAIN_ERROR = "relative_l2"
-ERROR_MEANS = "relative L2 error; of directions in radians, of parallax as a share of the shift"
+ERROR_MEANS = "relative error of the reflected share"
 
 HIGHLIGHT, NORMALS, PARALLAX, ALBEDO = "highlight on a ball", "normal map of waves", "parallax of waves", "albedo"
+PANEL_ERRORS = {
+    HIGHLIGHT: (MAIN_ERROR, "relative L2 error of the light"),
+    NORMALS: (MAIN_ERROR, "error of directions [rad] (root mean square)"),
+    PARALLAX: (MAIN_ERROR, "error as a share of the shift (root mean square)"),
+}
 _POINTS = 40_000
 # Of the ball: exponent 64, a light and an eye three radii away.
 _ROUGHNESS, _DIFFUSE, _R0 = 0.75, (0.2, 0.3, 0.4), (0.04, 0.04, 0.04)

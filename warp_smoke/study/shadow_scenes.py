@@ -18,7 +18,7 @@ from warp_smoke.study.smoke_plume import at
 
 FLOOR = Mesh.grid((-4, 0, 4), (8, 0, 0), (0, 0, -8))
 _ON_FLOOR = np.array([[-4.0, 0.0, -4.0], [4.0, 0.0, 4.0]])
-_SIDE = 192  # floor points along a side
+FLOOR_POINTS = 192  # along a side
 _ON_BUNNY = 20_000
 # A point counts as well lit, or well shadowed, where all of a ball of this radius around the light is seen, or none.
 _CLEAR_OF_EDGES = 0.1
@@ -108,17 +108,17 @@ def bunny_scene(device: str, kind: str) -> ShadowScene:
     floor = _floor(4.0)
     places, normals = (
         np.concatenate([places, floor]),
-        np.concatenate([normals, np.tile([0.0, 1.0, 0.0], (_SIDE**2, 1))]),
+        np.concatenate([normals, np.tile([0.0, 1.0, 0.0], (FLOOR_POINTS**2, 1))]),
     )
-    areas = np.concatenate([np.full(_ON_BUNNY, area / _ON_BUNNY), np.full(_SIDE**2, 64.0 / _SIDE**2)])
+    areas = np.concatenate([np.full(_ON_BUNNY, area / _ON_BUNNY), np.full(FLOOR_POINTS**2, 64.0 / FLOOR_POINTS**2)])
     truth = "area" if kind == "soft" else "exact"
     return _scene(device, [(mesh, np.eye(4)), (FLOOR, np.eye(4))], light, places, normals, areas, truth)
 
 
 def _floor(half: float) -> np.ndarray:
     """Points of a square around the origin in y = 0, one somewhere in each of its cells, [n, 3]."""
-    places = np.indices((_SIDE, _SIDE)) + np.random.default_rng(0).random((2, _SIDE, _SIDE))
-    x, z = half * (2.0 * places.reshape(2, -1) / _SIDE - 1.0)
+    places = np.indices((FLOOR_POINTS, FLOOR_POINTS)) + np.random.default_rng(0).random((2, FLOOR_POINTS, FLOOR_POINTS))
+    x, z = half * (2.0 * places.reshape(2, -1) / FLOOR_POINTS - 1.0)
     return np.stack([x, np.zeros_like(x), z], axis=1)
 
 

@@ -54,8 +54,18 @@ _POINTS = 10_000
 _VARIANCE, _SPREAD = 0.0064, 1.0 / 1024.0
 _SQUARES = 129
 _CLOSE = 0.05  # an error that explanations call close
-# Of eq. (3)'s r, and the sweeps after which the implicit step is compared.
-_POINT_R, _POINT_SWEEPS = (0.05, 0.25, 1.0, 10.0), (1, 2, 4, 8, 16, 32, 64, 128)
+# By equation (3)'s r: the implicit step is compared after 1, 2, 4, … sweeps, up to this power of two.
+_SWEEPS = {0.05: 2, 0.25: 4, 1.0: 6, 10.0: 9}
+GAUSSIAN = "Gaussian, diffused"
+
+
+def _step(r: float) -> str:
+    return f"implicit step, r = {r:g}"
+
+
+PANEL_ERRORS = {GAUSSIAN: (MAIN_ERROR, "relative L2 error of the buffer")} | {
+    _step(r): ("l1_distance", "sum of the kernel's absolute errors") for r in _SWEEPS
+}
 
 
 class _Known(NamedTuple):
@@ -86,18 +96,16 @@ def cases(full: bool) -> list[Case]:
     for method, fields in _BUFFERS.items():
         for diffuser in _DIFFUSERS:
             spread = fields | {"smoke_diffusion": _DIFFUSION, "smoke_diffuser": diffuser}
-            problem, name = f"plume, diffused by r = {_DIFFUSION:g}", f"{method}, {diffuser}"
-            found += [_plume_case(problem, name, spread, size) for size in texels]
+            problem = f"plume, diffused by r = {_DIFFUSION:g}, {diffuser}"
+            found += [_plume_case(problem, method, spread, size) for size in texels]
     for diffuser in _DIFFUSERS:
         for size in (16, 32, 64, 128, *[256] * full):
             measure = partial(_measure_gaussian, diffuser, size)
-            found.append(_case("Gaussian, diffused", diffuser, {"r": _SPREAD * size**2}, size, measure))
-    for r in _POINT_R:
-        for sweeps in _POINT_SWEEPS:
-            measure = partial(_measure_point, r, sweeps)
-            found.append(_case(f"implicit step, r = {r:g}", "sweeps", {"sweeps": sweeps}, _SQUARES, measure))
-        measure = partial(_measure_point, r, None)
-        found.append(_case(f"implicit step, r = {r:g}", "paper", {}, _SQUARES, measure))
+            found.append(_case(GAUSSIAN, diffuser, {}, size, measure))
+    for r, most in _SWEEPS.items():
+        for sweeps in [2**n for n in range(most + 1)]:
+            found.append(_case(_step(r), "sweeps", {"sweeps": sweeps}, _SQUARES, partial(_measure_point, r, sweeps)))
+        found.append(_case(_step(r), "paper", {}, _SQUARES, partial(_measure_point, r, None)))
     return found
 
 
@@ -267,7 +275,7 @@ def _measure_point(r: float, sweeps: int | None, launcher: Launcher, repeats: in
 def order(rows: Sequence[Row]) -> Mapping[tuple[str, str], float]:
     """Orders on the problems that have closed forms and smooth answers."""
     fitted = fit_orders(rows, MAIN_ERROR)
-    return {line: slope for line, slope in fitted.items() if line[0] in ("Gaussian blob", "Gaussian, diffused")}
+    return {line: slope for line, slope in fitted.items() if line[0] in ("Gaussian blob", GAUSSIAN)}
 
 
 def unexpected(rows: Sequence[Row]) -> list[str]:
@@ -278,9 +286,9 @@ def unexpected(rows: Sequence[Row]) -> list[str]:
         if not 1.8 <= slope <= 2.2:
             found.append(f"Gaussian blob, {method}: order {slope:.2f}; it is 2")
     for diffuser in ("sweeps", "exact"):
-        slope = slopes.get(("Gaussian, diffused", diffuser), 2.0)
+        slope = slopes.get((GAUSSIAN, diffuser), 2.0)
         if not 1.8 <= slope <= 2.2:
-            found.append(f"Gaussian, diffused, {diffuser}: order {slope:.2f}; it is 2")
+            found.append(f"{GAUSSIAN}, {diffuser}: order {slope:.2f}; it is 2")
     for row in rows:
         if row.failure is not None:
             continue
@@ -290,7 +298,7 @@ def unexpected(rows: Sequence[Row]) -> list[str]:
         if row.problem == "slab" and row.method in ("march", "footprint") and row.errors["linf"] > 1e-5:
             found.append(f"{place}: {row.errors['linf']:.1e} off; it is exact to round-off")
         if row.method == "paper":
-            r = row.parameters.get("r") or float(row.problem.partition("r = ")[2])
+            r = _SPREAD * row.resolution**2 if row.problem == GAUSSIAN else float(row.problem.partition("r = ")[2])
             if abs(row.errors["variance_kept"] * (1.0 + 4.0 * r) - 1.0) > 2e-3:
                 found.append(f"{place}: keeps {row.errors['variance_kept']:.3f} of the variance; it is 1/(1 + 4 r)")
     return found
