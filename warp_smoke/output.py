@@ -20,9 +20,10 @@ from warp_smoke.scene import Material, Procedural, Scene
 from warp_smoke.shading.procedural import make_picture
 from warp_smoke.simulation import Frame, Simulation, Smoke
 from warp_smoke.usd.export import result_files
+from warp_smoke.usd.find import RESULTS_SUFFIX
 from warp_smoke.usd.material import BakeResult, VertexBakeResult
 from warp_smoke.usd.volume import VolumeResult, write_volume
-from warp_smoke.usd.write import RESULTS_SUFFIX, write_results
+from warp_smoke.usd.write import write_results
 
 # Frames that may wait to be written; more would only cost memory when the disk is slower than the simulation.
 _FRAMES_IN_HAND = 2

@@ -8,8 +8,9 @@ from results import SET, write_all
 
 import warp_smoke as ws
 from warp_smoke.lattice import place_lattice
+from warp_smoke.usd.find import find_stage
 from warp_smoke.usd.volume import VolumeResult
-from warp_smoke.usd.write import BakeResult, find_stage, write_results
+from warp_smoke.usd.write import BakeResult, write_results
 
 
 def contents(folder: Path) -> dict[str, bytes]:

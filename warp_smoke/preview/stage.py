@@ -14,10 +14,10 @@ from warp_smoke.preview.slices import QUANTITIES, Slice, cut_slice
 from warp_smoke.preview.smoke import SmokeVoxels, color_smoke, find_smoke
 from warp_smoke.scene import Light, SmokeDomain
 from warp_smoke.shading.textures import Picture
+from warp_smoke.usd.find import RESULTS_SUFFIX
 from warp_smoke.usd.material import OWN_LOOK, VARIANT_SET
 from warp_smoke.usd.read import read_scene, read_stage
 from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
-from warp_smoke.usd.write import RESULTS_SUFFIX
 from warp_smoke.vdb import read_vdb
 
 

@@ -66,14 +66,24 @@ def gradient_noise(x: np.ndarray, y: np.ndarray, period: int) -> np.ndarray:
     i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     f, g = x - i, y - j
 
+    # The directions of all whole numbers, unless there are more of them than places.
+    table = _directions(*np.indices((period, period))) if period * period < x.size else None
+
     def corner(a: int, b: int) -> np.ndarray:
-        angle = _hash((i + a) % period, (j + b) % period) * (2.0 * np.pi / 2**32)
-        return np.cos(angle) * (f - a) + np.sin(angle) * (g - b)
+        place = (i + a) % period, (j + b) % period
+        along_x, along_y = (each[place] for each in table) if table else _directions(*place)
+        return along_x * (f - a) + along_y * (g - b)
 
     s, t = (w * w * w * (w * (6.0 * w - 15.0) + 10.0) for w in (f, g))
     low = corner(0, 0) + s * (corner(1, 0) - corner(0, 0))
     high = corner(0, 1) + s * (corner(1, 1) - corner(0, 1))
     return np.sqrt(2.0) * (low + t * (high - low))
+
+
+def _directions(i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cosine and sine of a random angle for each pair of whole numbers."""
+    angle = _hash(i, j) * (2.0 * np.pi / 2**32)
+    return np.cos(angle), np.sin(angle)
 
 
 def _hash(i: np.ndarray, j: np.ndarray) -> np.ndarray:

@@ -5,9 +5,9 @@ from pathlib import Path
 from pxr import Sdf, Usd
 
 from warp_smoke.scene import Scene
+from warp_smoke.usd.find import find_stage
 from warp_smoke.usd.material import OWN_LOOK, VARIANT_SET
 from warp_smoke.usd.read import read_scene, read_stage
-from warp_smoke.usd.write import find_stage
 
 
 def open_in_own_look(path: str | Path) -> tuple[Usd.Stage, Scene]:

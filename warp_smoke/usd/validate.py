@@ -7,9 +7,9 @@ from pathlib import Path
 from pxr import Tf, Usd, UsdUtils, UsdValidation
 
 from warp_smoke.usd.checks import Problem, check_stage
+from warp_smoke.usd.find import find_stage
 from warp_smoke.usd.read import read_stage, usd_message
 from warp_smoke.usd.schema import register_schema
-from warp_smoke.usd.write import find_stage
 
 _ORDER = ("error", "warning", "info")
 

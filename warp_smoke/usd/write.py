@@ -11,10 +11,10 @@ from pxr import Sdf, Tf, Usd
 from warp_smoke.files import replacing
 from warp_smoke.scene import Scene
 from warp_smoke.usd.author import author_scene
+from warp_smoke.usd.find import RESULTS_SUFFIX
 from warp_smoke.usd.material import BakeResult, VertexBakeResult, define_bakes, define_procedural
 from warp_smoke.usd.volume import VolumeResult, define_volume
 
-RESULTS_SUFFIX = ".results.usdc"
 # What USD reads from a stage's root layer alone, so that it would be lost under a new one.
 _ROOT_METADATA = (
     "defaultPrim",
@@ -106,22 +106,6 @@ def replacing_layer(path: Path) -> Iterator[Path]:
     layer = Sdf.Layer.Find(str(path))
     if layer:
         layer.Reload(force=True)
-
-
-def find_stage(path: str | Path) -> Path:
-    """The stage that a path names: the file itself, or the root layer in a folder of results.
-
-    Raises:
-        ValueError: there is no such file, or the folder holds no results or those of several runs.
-    """
-    path = Path(path)
-    if path.is_file():
-        return path
-    names = [results.name.removesuffix(RESULTS_SUFFIX) for results in path.glob(f"*{RESULTS_SUFFIX}")]
-    if len(names) != 1:
-        found = ", ".join(sorted(names)) or "none"
-        raise ValueError(f"{path}: no such file, nor a folder with the results of one run; found: {found}")
-    return path / f"{names[0]}.usda"
 
 
 def _set_metadata(layer: Sdf.Layer, source: Sdf.Layer, scene: Scene) -> None:
