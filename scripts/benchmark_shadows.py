@@ -14,8 +14,6 @@ from time import perf_counter
 
 import numpy as np
 import warp as wp
-import warp.examples
-from pxr import Usd, UsdGeom
 from smoke_shadow_paper import fill_in, machine, table
 
 import warp_smoke as ws
@@ -24,6 +22,7 @@ from warp_smoke.launch import Launcher, Rows
 from warp_smoke.shadow.casters import Casters, nearest_hit
 from warp_smoke.shadow.coverage import CUBE_FRAMES, TILE
 from warp_smoke.shadow.methods import SURFACE_SHADOWS
+from warp_smoke.study.shadow_scenes import bunny
 
 wp.set_module_options({"enable_backward": False})
 
@@ -55,13 +54,13 @@ def best_of(*runs: Callable[[], object], repeats: int = REPEATS) -> list[float]:
 
 def scenes() -> dict[str, ws.Scene]:
     """The example room, and the bunny above a floor, each with one point light."""
-    stage = Usd.Stage.Open(f"{warp.examples.get_asset_directory()}/bunny.usd")
-    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/root/bunny"))
-    triangles = np.reshape(mesh.GetFaceVertexIndicesAttr().Get(), (-1, 3))
-    bunny = ws.Surface(path="/Bunny", mesh=ws.Mesh(mesh.GetPointsAttr().Get(), triangles))
+    animal = ws.Surface(path="/Bunny", mesh=bunny())
     floor = ws.Surface(path="/Floor", mesh=ws.Mesh.grid((-4, 0, 4), (8, 0, 0), (0, 0, -8)), receiver=_receiver())
     lamp = ws.PointLight(path="/Lamp", transform=_at(1.5, 3.0, 1.2), radius=0.05)
-    return {"room": ws.Scene.open(ROOT / "stages/room.usda"), "bunny": ws.Scene(surfaces=[bunny, floor], lights=[lamp])}
+    return {
+        "room": ws.Scene.open(ROOT / "stages/room.usda"),
+        "bunny": ws.Scene(surfaces=[animal, floor], lights=[lamp]),
+    }
 
 
 def _receiver() -> ws.Receiver:

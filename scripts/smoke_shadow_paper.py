@@ -15,7 +15,6 @@ from time import perf_counter
 import numpy as np
 import warp as wp
 from PIL import Image
-from scipy import fft
 
 import warp_smoke as ws
 from warp_smoke.launch import Launcher
@@ -23,6 +22,7 @@ from warp_smoke.scene import DistantLight
 from warp_smoke.shadow.diffusion import Diffusion
 from warp_smoke.shadow.dpd import DpdSmokeShadow
 from warp_smoke.shadow.methods import SMOKE_SHADOWS
+from warp_smoke.study.light_answers import implicit_step
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -140,12 +140,11 @@ def equation_3() -> list[dict]:
     n = 129
     u = np.zeros((1, n, n), np.float32)
     u[0, n // 2, n // 2] = 1.0
-    eigenvalues = 2 - 2 * np.cos(np.pi * np.arange(n) / n)
     launcher, x = Launcher(), np.arange(n) - n // 2
     start = launcher.array(u, "start")
     rows = []
     for r in (0.05, 0.25, 1.0, 10.0):
-        truth = fft.idctn(fft.dctn(u[0].astype(float)) / (1 + r * np.add.outer(eigenvalues, eigenvalues)))
+        truth = implicit_step(u[0], r)
 
         def jacobi(sweeps: int, r: float = r) -> np.ndarray:
             return Diffusion(launcher, u.shape, r, "sweeps", sweeps).spread(start).numpy()[0].astype(float)

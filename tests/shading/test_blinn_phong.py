@@ -9,6 +9,7 @@ from warp_smoke.launch import Rows
 from warp_smoke.material import REFLECTIONS
 from warp_smoke.shading.blinn_phong import blinn_phong_exponent, reflect_diffuse
 from warp_smoke.shading.blinn_phong import reflect as reflect_light
+from warp_smoke.study.light_answers import blinn_phong, blinn_phong_albedo
 
 wp.set_module_options({"enable_backward": False})
 
@@ -58,16 +59,6 @@ def reflect(
     return full.numpy(), matte.numpy()
 
 
-def reference(to_light, to_eye, normal, light, diffuse, r0, m):
-    """The same in float64: B ⊗ (m_d + (R₀ + (1 − R₀)(1 − h·l)⁵)(m + 8)/8 (n·h)ᵐ) max(l·n, 0)."""
-    h = normalized(to_light + to_eye)
-    h_dot_l = np.clip(np.sum(h * to_light, axis=1), 0, 1)[:, None]
-    n_dot_h = np.maximum(np.sum(h * normal, axis=1), 0)[:, None]
-    n_dot_l = np.maximum(np.sum(normal * to_light, axis=1), 0)[:, None]
-    fresnel = r0 + (1 - r0) * (1 - h_dot_l) ** 5
-    return light * (diffuse + fresnel * (m + 8) / 8 * n_dot_h**m) * n_dot_l
-
-
 @pytest.mark.parametrize("m", [0.0, 8.0, 64.0, 256.0])
 def test_head_on(launcher, m):
     """Light, eye and normal in one line: m_d + R₀ (m + 8)/8."""
@@ -114,7 +105,7 @@ def test_against_float64(launcher, roughness):
     light, diffuse, r0 = np.array([1.0, 0.5, 2.0]), np.array([0.2, 0.6, 0.0]), np.array([0.01, 0.3, 0.9])
     m = blinn_phong_exponent(roughness)
     full, matte = reflect(launcher, to_light, to_eye, normal, light=light, diffuse=diffuse, r0=r0, m=m)
-    np.testing.assert_allclose(full, reference(to_light, to_eye, normal, light, diffuse, r0, m), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(full, blinn_phong(to_light, to_eye, normal, light, diffuse, r0, m), rtol=1e-4, atol=1e-5)
     lambert = light * diffuse * np.maximum(np.sum(normal * to_light, axis=1), 0)[:, None]
     np.testing.assert_allclose(matte, lambert, rtol=1e-5, atol=1e-6)
 
@@ -132,7 +123,7 @@ def test_albedo_at_normal_incidence(launcher, m, model):
     full, _ = reflect(launcher, (0, 1, 0), to_eye, (0, 1, 0), m=m, model=model)
     # B = 1 is an irradiance of π; radiance goes out through 2π sin θ cos θ dθ.
     reflected = np.sum(full[:, 0] * 2 * np.pi * np.sin(angle) * np.cos(angle)) * (np.pi / 2 / steps) / np.pi
-    expected = (m + 8) * (m + 2 ** (-m / 2)) / ((m + 2) * (m + 4)) if model == "blinnPhong" else 1.0
+    expected = blinn_phong_albedo(m) if model == "blinnPhong" else 1.0
     assert reflected == pytest.approx(expected, rel=2e-5)
 
 
@@ -172,9 +163,7 @@ def test_gloss_multiplies_highlights_alone(launcher, model):
 
 def test_albedo_values():
     """What the closed form says of the (m + 8)/8 factor: 1 at m = 0, 1.075 near m = 9, 1.0075 at m = 256."""
-    m = np.array([0.0, 9.0, 256.0])
-    albedo = (m + 8) * (m + 2 ** (-m / 2)) / ((m + 2) * (m + 4))
-    np.testing.assert_allclose(albedo, [1.0, 1.075, 1.0075], atol=6e-4)
+    np.testing.assert_allclose([blinn_phong_albedo(m) for m in (0.0, 9.0, 256.0)], [1.0, 1.075, 1.0075], atol=6e-4)
 
 
 def test_exponent():

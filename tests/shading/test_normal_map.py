@@ -10,6 +10,7 @@ from warp_smoke.shading.normal_map import (
     pack_channels,
     unpack_channels,
 )
+from warp_smoke.study.light_answers import wave_heights, wave_normals
 
 AMPLITUDE = 0.05
 
@@ -18,12 +19,7 @@ def waves(size):
     """Heights A sin 2πx sin 2πy at texel centres of a unit square, and their exact normals, y up."""
     along = (np.arange(size) + 0.5) / size
     x, y = np.meshgrid(along, along[::-1])
-    k = 2 * np.pi
-    heights = AMPLITUDE * np.sin(k * x) * np.sin(k * y)
-    slope_x = AMPLITUDE * k * np.cos(k * x) * np.sin(k * y)
-    slope_y = AMPLITUDE * k * np.sin(k * x) * np.cos(k * y)
-    normals = np.stack([-slope_x, -slope_y, np.ones_like(x)], axis=2)
-    return heights, normals / np.linalg.norm(normals, axis=2, keepdims=True)
+    return wave_heights(x, y, AMPLITUDE), wave_normals(x, y, AMPLITUDE)
 
 
 def largest_angle(a, b):

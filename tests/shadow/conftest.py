@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 import warp as wp
-import warp.examples
-from pxr import Usd, UsdGeom
 
-from warp_smoke.geometry import Mesh, corner_normals, transform_normals, transform_points
+from warp_smoke.geometry import corner_normals, transform_normals, transform_points
 from warp_smoke.lattice import Lattice
 from warp_smoke.scene import DistantLight, PointLight, Surface
 from warp_smoke.shadow.casters import Casters
+from warp_smoke.study import shadow_scenes
 
 _HARD = {"shadow_filter": "hard"}
 
@@ -105,9 +104,7 @@ def lattice_at():
 @pytest.fixture(scope="session")
 def bunny():
     """The Stanford bunny of Warp's examples, about 1.6 units tall."""
-    stage = Usd.Stage.Open(f"{warp.examples.get_asset_directory()}/bunny.usd")
-    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/root/bunny"))
-    return Mesh(mesh.GetPointsAttr().Get(), np.reshape(mesh.GetFaceVertexIndicesAttr().Get(), (-1, 3)))
+    return shadow_scenes.bunny()
 
 
 @pytest.fixture(scope="session")

@@ -4,21 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import fft
 
 from warp_smoke.shadow.diffusion import Diffusion
+from warp_smoke.study.light_answers import implicit_step, spread_gaussian
 
 
 def _spread(launcher, u, r, method, sweeps=None):
     """One buffer [W, H] diffused."""
     u = launcher.array(np.asarray(u, np.float32)[None], "test")
     return Diffusion(launcher, u.shape, r, method, sweeps).spread(u).numpy()[0].astype(float)
-
-
-def _implicit(u, r):
-    """(I − r Δ)⁻¹ u by cosine transforms, edges mirrored."""
-    eigenvalues = [2 - 2 * np.cos(np.pi * np.arange(n) / n) for n in u.shape]
-    return fft.idctn(fft.dctn(u) / (1 + r * np.add.outer(*eigenvalues)))
 
 
 def _variance(u):
@@ -56,8 +50,7 @@ def test_gaussian_grows_by_two_nu_t(launcher, method, sweeps, r):
     u = np.exp(-0.5 * np.add.outer(x**2, x**2) / start)
     out = _spread(launcher, u, r, method, sweeps)
     np.testing.assert_allclose(_variance(out) - _variance(u), 2 * r, rtol=1e-3)
-    wide = start + 2 * r
-    expected = start / wide * np.exp(-0.5 * np.add.outer(x**2, x**2) / wide)
+    expected = spread_gaussian(np.add.outer(x**2, x**2), start, 2 * r)
     np.testing.assert_allclose(out, expected, atol=5e-3)
 
 
@@ -76,7 +69,7 @@ def test_sweeps_tend_to_the_implicit_step(launcher, r, sweeps):
     """So many Jacobi sweeps bring a point's kernel within 1e-3 (L1) of (I − νΔt∇²)⁻¹; half as many do not."""
     u = np.zeros((65, 65))
     u[32, 32] = 1.0
-    truth = _implicit(u, r)
+    truth = implicit_step(u, r)
     error = [np.abs(_spread(launcher, u, r, "sweeps", n) - truth).sum() for n in (sweeps, sweeps // 2)]
     assert error[0] < 1.1e-3  # counted on another grid: one sweep more or less
     assert error[1] > 5e-3

@@ -14,6 +14,7 @@ from warp_smoke.shadow.cube import CubeShadow
 from warp_smoke.shadow.directional import DirectionalShadow
 from warp_smoke.shadow.ray_traced import RayTracedShadow
 from warp_smoke.shadow.spot import SpotShadow
+from warp_smoke.study.light_answers import edge_penumbra
 
 UP = (0, 1, 0)
 FLOOR = Mesh.grid((-4, 0, 4), (8, 0, 0), (0, 0, -8))
@@ -146,9 +147,7 @@ def test_area_light_over_an_edge(launcher, cast, point_light, visibility):
     x = np.linspace(-0.3, 0.3, 61)
     points = np.stack([x, np.zeros_like(x), np.zeros_like(x)], axis=1)
     lit = visibility(_shadow(launcher, light, cast((half, (0, 0, 0)))), points, UP)
-    # The ray from x passes the edge's plane at (x + y) / 2 for the light's point y: it is free where y > −x.
-    cut = np.clip(-x / 0.2, -1, 1)
-    share = (np.arccos(cut) - cut * np.sqrt(1 - cut**2)) / np.pi
+    share = edge_penumbra(points, np.array([0.0, 3.0, 0.0]), 0.2, 1.5)
     np.testing.assert_allclose(lit, share, atol=0.04)  # of 64 rays two or three
 
 
