@@ -163,4 +163,4 @@ def _buffer_bytes(plan: LightPlan, each: SmokeShadowPlan) -> int:
         if splat:
             taps = [1 + tap_count(splat, shear, cells) for cells in sides]
             floats += shear.slices * len(splat.depths) * int(np.dot(shear.texels, taps))
-    return 4 * floats
+    return int(4 * floats)
