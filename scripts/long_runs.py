@@ -1,0 +1,91 @@
+"""Measures what keeping a run safe costs on stages/plume.usda: writes docs/long_runs.json, prints the page's table.
+
+Usage: python scripts/long_runs.py
+"""
+
+import json
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+import warp_smoke as ws
+
+ROOT = Path(__file__).parents[1]
+FRAMES, REPEATS = 16, 3
+
+
+def scene_at(resolution: int) -> ws.Scene:
+    """The stage's first frames at a resolution."""
+    scene = ws.Scene.open(ROOT / "stages/plume.usda")
+    domains = [replace(each, resolution=resolution) for each in scene.domains]
+    return replace(scene, domains=domains, end=scene.start + FRAMES - 1)
+
+
+def seconds_a_frame(scene: ws.Scene, checkpoint_every: int | None) -> tuple[float, int, int]:
+    """Time of a frame with all its files, how many checkpoints were written, and the size of the last [bytes]."""
+    seen, written = [], {}
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "plume.checkpoint")
+
+        def look(frame: ws.Frame) -> None:
+            if file.exists():
+                written[file.stat().st_mtime_ns] = file.stat().st_size
+            seen.append(perf_counter())
+
+        ws.run(scene, folder, checkpoint_every=checkpoint_every, on_frame=look)
+    return (seen[-1] - seen[0]) / (len(seen) - 1), len(written), max(written.values(), default=0)
+
+
+def guard_share(scene: ws.Scene) -> float:
+    """Share of a frame's time that goes into looking at density and temperature at its end."""
+    simulation = ws.Simulation(scene)
+    frames, checks = [], []
+    for _ in range(FRAMES):
+        began = perf_counter()
+        simulation.step()
+        frames.append(perf_counter() - began)
+        began = perf_counter()
+        simulation.solver()._check_scalars()
+        checks.append(perf_counter() - began)
+    return median(checks) / median(frames)
+
+
+def main() -> None:
+    """Runs each case a few times in turn, takes the fastest, and writes the figures."""
+    found = []
+    for resolution in (64, 128):
+        scene = scene_at(resolution)
+        seconds_a_frame(replace(scene, end=scene.start + 2), None)
+        cases = {"none": 0, "as often as is cheap": None, "each frame": 1}
+        times = {name: [] for name in cases}
+        for _ in range(REPEATS):
+            for name, every in cases.items():
+                times[name].append(seconds_a_frame(scene, every))
+        without = min(times["none"])[0]
+        for name, each in times.items():
+            spent, count, size = min(each)
+            found.append(
+                {
+                    "resolution": resolution,
+                    "checkpoints": name,
+                    "written": count,
+                    "mebibytes": round(size / 2**20, 1),
+                    "ms_a_frame": round(1e3 * spent, 1),
+                    "share": round(spent / without - 1.0, 3),
+                }
+            )
+        found.append({"resolution": resolution, "guard_share": round(guard_share(scene), 4)})
+    (ROOT / "docs/long_runs.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    print("| cells | checkpoints | written | size | ms a frame | cost |\n|---|---|---:|---:|---:|---:|")
+    for each in found:
+        if "checkpoints" in each:
+            name = f"| {each['resolution']}³ | {each['checkpoints']} | {each['written']} | {each['mebibytes']} MiB "
+            print(f"{name}| {each['ms_a_frame']} | {each['share']:+.1%} |")
+        else:
+            print(f"guard at {each['resolution']}³: {each['guard_share']:.2%} of a frame")
+
+
+if __name__ == "__main__":
+    main()
