@@ -19,9 +19,10 @@ NAN, INF = float("nan"), float("inf")
     [
         (ws.SmokeDomain, "resolution", [0, -1, 1.5, True, 100_000, "64", None]),
         (ws.SmokeDomain, "upper", [(-1, 1, 1), (NAN, 1, 1), (1, 1), "big", (-2, -2, -2)]),
-        (ws.SmokeDomain, "boundary", [("open",) * 5, ("shut",) * 6]),
+        (ws.SmokeDomain, "boundary", [("open",) * 5, ("shut",) * 6, ("periodic", "open") * 3]),
         (ws.SmokeDomain, "max_courant", [0, -1, NAN, INF]),
         (ws.SmokeDomain, "density_dissipation", [-0.1, NAN]),
+        (ws.SmokeDomain, "temperature_diffusion", [-0.1, INF]),
         (ws.SmokeDomain, "advection", ["magic"]),
         (ws.SmokeDomain, "grids", [("heat",)]),
         (ws.SmokeDomain, "transform", [np.zeros((4, 4)), np.eye(3), np.full((4, 4), NAN)]),

@@ -173,6 +173,7 @@ def test_fields_can_be_written_between_steps():
         {"density_diffusion": 0.01, "colliders": [BALL]},
         {"advection": "semi_lagrangian"},
         {"advection": "bfecc"},
+        {"boundary": ("periodic", "periodic", "closed", "open", "periodic", "periodic")},
         {"colliders": [BALL]},
         {"pressure_solver": "multigrid"},
         {"pressure_solver": "jacobi"},

@@ -7,8 +7,8 @@ from warp_smoke.plan import LightPlan, Plan
 # What several pressure solvers share; `open_faces` of a box without colliders is among the colliders' kernels.
 _ITERATIVE = ("fluid.colliders", "fluid.pressure.components", "fluid.pressure.iterative")
 _CONJUGATE_GRADIENTS = (*_ITERATIVE, "fluid.pressure.conjugate_gradient")
-_SPECTRAL_DIFFUSION = ("fluid.transforms", "fluid.diffusion.spectral")
-_JACOBI_DIFFUSION = ("fluid.colliders", "fluid.diffusion.jacobi")
+_SPECTRAL_DIFFUSION = ("fluid.transforms", "fluid.diffusion.scalar", "fluid.diffusion.spectral")
+_JACOBI_DIFFUSION = ("fluid.colliders", "fluid.diffusion.scalar", "fluid.diffusion.jacobi")
 # Module of kernels by the pass that launches them, and by pass and method where that decides.
 _FLUID = {
     "voxelize_colliders": ("fluid.voxelize", "fluid.walls", "fluid.colliders"),
@@ -45,6 +45,8 @@ _FLUID = {
     "diffuse_velocity jacobi": _JACOBI_DIFFUSION,
     "diffuse_density spectral": _SPECTRAL_DIFFUSION,
     "diffuse_density jacobi": _JACOBI_DIFFUSION,
+    "diffuse_temperature spectral": _SPECTRAL_DIFFUSION,
+    "diffuse_temperature jacobi": _JACOBI_DIFFUSION,
     "dissipate_density": ("fluid.dissipation",),
     "cool_temperature": ("fluid.dissipation",),
 }

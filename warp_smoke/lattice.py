@@ -20,7 +20,7 @@ class Lattice(Record):
         voxel_size: side of a cell [stage units].
         to_world: lattice space to world, 4 × 4 rigid row-vector matrix, float64.
         meters_per_unit: length of a stage unit [m].
-        sides: open or closed for each of -x +x -y +y -z +z of the lattice.
+        sides: open, closed or periodic for each of -x +x -y +y -z +z of the lattice.
         up: unit vector up along the lattice's axes.
         no_slip: which of the closed sides hold back viscous air that moves along them.
     """
@@ -96,7 +96,7 @@ def place_lattice(scene: Scene, domain: SmokeDomain) -> Lattice:
         voxel_size=float(h),
         to_world=read_only(to_world, np.float64),
         meters_per_unit=scene.meters_per_unit,
-        sides=tuple("open" if token == "open" else "closed" for token in boundary),
+        sides=tuple("closed" if token == "no_slip" else token for token in boundary),
         up=tuple(float(x) for x in up),
         no_slip=tuple(token == "no_slip" for token in boundary),
     )

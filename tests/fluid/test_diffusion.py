@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from staggered import CLOSED, MIXED, OPEN, lattice_of
+from staggered import CLOSED, MIXED, OPEN, PERIODIC, SLAB, lattice_of
 
 from warp_smoke import Collider, Mesh
 from warp_smoke.fluid.colliders import Solids
@@ -38,7 +38,11 @@ def laplacian(sides, no_slip, field, shape) -> np.ndarray:
             neighbour = list(place)
             neighbour[axis] += step
             side = 2 * axis + (step > 0)
-            if 0 <= neighbour[axis] < size[axis]:
+            if sides[side] == "periodic":
+                neighbour[axis] %= shape[axis]
+                matrix[row, number[tuple(neighbour)]] += 1.0
+                matrix[row, row] -= 1.0
+            elif 0 <= neighbour[axis] < size[axis]:
                 matrix[row, number[tuple(neighbour)]] += 1.0
                 matrix[row, row] -= 1.0
             elif field == axis:  # an open side: mirrored on its face
@@ -57,15 +61,19 @@ def random_field(sides, field, shape=SHAPE) -> np.ndarray:
     if field is not None:
         faces = np.moveaxis(a, field, 0)
         for end, side in zip((0, -1), sides[2 * field : 2 * field + 2], strict=True):
-            faces[end] *= side == "open"
+            faces[end] *= side != "closed"
+        if "periodic" in sides[2 * field]:
+            faces[-1] = faces[0]
     return a
 
 
 CASES = [(CLOSED, SLIP), (CLOSED, STICK), (OPEN, SLIP), (MIXED, SLIP), (MIXED, tuple(s == "closed" for s in MIXED))]
+CASES += [(SLAB, SLIP), (PERIODIC, SLIP)]
+NAMES = ["closed", "stick", "open", "mixed", "mixed stick", "slab", "periodic"]
 
 
 @pytest.mark.parametrize("field", FIELDS, ids=["cells", "u", "v", "w"])
-@pytest.mark.parametrize(("sides", "no_slip"), CASES, ids=["closed", "stick", "open", "mixed", "mixed stick"])
+@pytest.mark.parametrize(("sides", "no_slip"), CASES, ids=NAMES)
 @pytest.mark.parametrize("name", DIFFUSION_SOLVERS)
 @pytest.mark.parametrize("r", [0.03, 1.0, 20.0])
 def test_solves_the_implicit_equation(launcher, upload, name, field, sides, no_slip, r):

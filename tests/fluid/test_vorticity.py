@@ -9,6 +9,7 @@ from warp_smoke.fluid.grid import face_shape
 from warp_smoke.fluid.measures import Measures
 from warp_smoke.fluid.vorticity import VorticityConfinement, capped_scale, measure_vorticity
 
+CLOSED = ("closed",) * 6
 SHAPE = (10, 11, 12)
 
 
@@ -47,7 +48,7 @@ def test_force_spins_a_vortex_up(launcher, upload, sample_velocity):
 
     measures = Measures(launcher, SHAPE)
     _, energy = measures.motion(velocity)
-    assert VorticityConfinement(launcher, SHAPE, h, measures).add(velocity, strength, dt, 1e9) == 1.0
+    assert VorticityConfinement(launcher, SHAPE, CLOSED, h, measures).add(velocity, strength, dt, 1e9) == 1.0
     assert measures.motion(velocity)[1] > energy
     for axis, (component, old) in enumerate(zip(velocity, before, strict=True)):
         cells = np.moveaxis(force[..., axis], axis, 0)
@@ -84,7 +85,7 @@ def test_gain_is_capped(launcher, upload, strength, cap):
         velocity.append(upload(component))
     measures = Measures(launcher, SHAPE)
     _, before = measures.motion(velocity)
-    scale = VorticityConfinement(launcher, SHAPE, 0.1, measures).add(velocity, strength, 0.04, cap)
+    scale = VorticityConfinement(launcher, SHAPE, CLOSED, 0.1, measures).add(velocity, strength, 0.04, cap)
     _, after = measures.motion(velocity)
     assert after - before <= cap + 1e-6 * before  # energies are sums of float32 squares
     assert 0.0 <= scale <= 1.0
@@ -95,7 +96,7 @@ def test_gain_is_capped(launcher, upload, strength, cap):
 def test_still_and_uniform_flows_feel_nothing(launcher, sample_velocity):
     """0 / 0 is 0: no force where |ω| has no gradient."""
     measures = Measures(launcher, SHAPE)
-    confinement = VorticityConfinement(launcher, SHAPE, 0.1, measures)
+    confinement = VorticityConfinement(launcher, SHAPE, CLOSED, 0.1, measures)
     for flow in ((0.0, 0.0, 0.0), (1.0, -2.0, 3.0)):
         velocity = sample_velocity(lambda x, y, z, flow=flow: flow, SHAPE)
         confinement.add(velocity, 10.0, 0.1, 1e9)

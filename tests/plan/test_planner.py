@@ -71,6 +71,7 @@ def test_order_follows_the_data():
         ({"viscosity": 0.5}, "diffuse_velocity"),
         ({"density_diffusion": 0.5}, "diffuse_density"),
         ({"density_dissipation": 0.5}, "dissipate_density"),
+        ({"temperature_diffusion": 0.5}, "diffuse_temperature"),
         ({"temperature_cooling": 0.5}, "cool_temperature"),
     ],
 )
@@ -256,8 +257,32 @@ def test_diffusion_solvers():
     assert "diffuse_velocity" not in kept(plan)
 
 
+def test_heat_that_spreads():
+    """Heat that nothing reads does not spread; in still air it does, around colliders that are known to it."""
+    ball = ws.Collider(path="/World/Ball", mesh=ws.Mesh.sphere(0.3, 16), transform=at(0, 1, 0))
+    scene = plume(temperature_diffusion=0.1)
+    scene = replace(scene, domains=[replace(scene.domains[0], buoyancy_temperature=0.0)])
+    assert "diffuse_temperature" not in kept(ws.make_plan(scene))
+    exported = replace(scene.domains[0], grids=("density", "temperature"))
+    plan = ws.make_plan(replace(scene, domains=[exported], colliders=[ball]))
+    assert {"voxelize_colliders", "diffuse_temperature"} <= kept(plan)
+    assert "project_pressure" not in kept(plan)
+
+
+def test_images_touch_a_periodic_domain():
+    """What is outside along a periodic axis is inside by its image; along another axis it is not."""
+    scene = plume(boundary=("periodic", "periodic") + ("closed",) * 4)
+    source = scene.emitters[0]
+    for place, found in (((40, 0, 0), True), ((0, 0, 40), False)):
+        plan = ws.make_plan(replace(scene, emitters=[replace(source, transform=at(*place))]))
+        assert bool(plan.domains) == found
+
+
 def test_sides_that_slip_after_all():
-    """Without viscosity a plan says that sides which ask for no slip slip too."""
+    """Without viscosity a plan says that sides which ask for no slip, and rough colliders, slip too."""
+    ball = ws.Collider(path="/World/Ball", mesh=ws.Mesh.sphere(0.3, 16), transform=at(0, 1, 0), friction=1.0)
+    rough = ws.make_plan(replace(plume(), colliders=[ball]))
+    assert any("/World/Ball" in out.why for out in rough.left_out if out.name == "diffuse_velocity")
     plan = ws.make_plan(plume(boundary=("no_slip",) * 6))
     (why,) = (out.why for out in plan.left_out if out.name == "diffuse_velocity")
     assert why == "viscosity is 0, so air slides along the sides that are no_slip too"

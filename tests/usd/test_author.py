@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -108,10 +109,13 @@ positive, not_negative, degrees = numbers(1e-6), numbers(0), numbers(1, 180)
 colors = vectors(3, not_negative)
 sizes = st.integers(1, 16384)
 
+# Periodic sides come in pairs.
+SIDE_PAIRS = [(a, b) for a, b in product(BOUNDARIES, repeat=2) if a == b or "periodic" not in (a, b)]
+
 domain_fields = optional(
     transform=transforms,
     resolution=st.integers(1, 4096),
-    boundary=vectors(6, st.sampled_from(BOUNDARIES)),
+    boundary=vectors(3, st.sampled_from(SIDE_PAIRS)).map(lambda pairs: sum(pairs, ())),
     time_scale=positive,
     max_courant=positive,
     buoyancy_density=numbers(),
@@ -123,6 +127,7 @@ domain_fields = optional(
     viscosity=not_negative,
     wind=vectors(3, numbers()),
     density_diffusion=not_negative,
+    temperature_diffusion=not_negative,
     density_dissipation=not_negative,
     temperature_cooling=not_negative,
     extinction=not_negative,
@@ -287,7 +292,7 @@ def scenes(draw, picture):
         if "e" in role:
             emitters.append(Emitter(**place, **draw(emitter_fields)))
         if "c" in role:
-            colliders.append(Collider(**place, **draw(optional(thickness=not_negative))))
+            colliders.append(Collider(**place, **draw(optional(thickness=not_negative, friction=numbers(0, 1)))))
         if "s" in role:
             receiver = Receiver(path=place["path"], **draw(receiver_fields)) if draw(st.booleans()) else None
             visible = draw(st.just(True) | changing(st.booleans()))

@@ -22,6 +22,8 @@ class ArrayWalls:
         fraction: 1 in solid cells of the box, else 0, [*shape].
     """
 
+    friction = 0.0
+
     def __init__(self, launcher: Launcher, lattice: Lattice, collider: ArrayCollider):
         """Allocates; `update` fills the cells.
 

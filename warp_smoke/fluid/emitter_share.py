@@ -104,8 +104,12 @@ class EmitterShare:
         lower = wp.vec3i(*self._voxels.lower)
         if self._emitter.source == "surface" and (changed or self._skin is None):
             self._skin = self._room("skin")
-            cells = wp.vec3i(*self._lattice.shape)
-            self._launcher.launch(_peel, self._skin.shape, lower, cells, self._voxels.fraction, self._skin)
+            # Nothing goes on beyond the ends of a box that may reach beyond periodic sides.
+            ring = [side == "periodic" for side in self._lattice.sides[0::2]]
+            place = zip(ring, self._voxels.lower, self._voxels.shape, self._lattice.shape, strict=True)
+            first, cells = zip(*((1, count + 2) if wraps else (low, n) for wraps, low, count, n in place), strict=True)
+            args = (wp.vec3i(*first), wp.vec3i(*cells), self._voxels.fraction, self._skin)
+            self._launcher.launch(_peel, self._skin.shape, *args)
         if self._emitter.noise:
             source, self._uneven = self._even(), self._room("uneven")
             args = (lower, source, self._emitter.noise, self._scale, time / _LASTS, self._uneven)

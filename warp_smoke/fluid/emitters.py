@@ -6,7 +6,8 @@ where the air is slower that way or moves the other way: what has become faster,
 rate · dt · density · f, with Σ f made the emitter's own volume: the mass is the same for any number of substeps.
 """
 
-from itertools import pairwise
+from collections.abc import Iterator
+from itertools import pairwise, product
 from math import ceil
 from typing import NamedTuple
 
@@ -204,7 +205,8 @@ class Source:
         elif self._acts(middle):
             amount = value_at(emitter.rate, middle) * value_at(emitter.density, middle) * interval.dt
             amount *= self._voxels.volume_ratio()
-            self._launcher.launch(_add, self._voxels.shape, *self._smoke(), float(amount), density)
+            for lower, fraction in self._smoke():
+                self._launcher.launch(_add, fraction.shape, lower, fraction, float(amount), density)
 
     def emit_temperature(self, interval: Interval, temperature: wp.array, ambient: float) -> None:
         """Holds the temperature.
@@ -227,35 +229,58 @@ class Source:
             return
         given = self._lattice.axes @ np.asarray(value_at(self._emitter.velocity, interval.end))
         for axis, component in enumerate(velocity):
-            shape, faces = self._faces(axis)
-            if self._inherits:
-                surface = self._voxels.velocity[axis]
-                args = (*self._place(), surface, self._emitter.inherit_velocity, float(given[axis]), component)
-                self._launcher.launch(_drag, shape, faces, *args)
-            elif given[axis]:
-                self._launcher.launch(_push, shape, faces, *self._place(), float(given[axis]), component)
+            for lower, (shape, faces) in self._faces(axis):
+                place = lower, self._voxels.fraction
+                if self._inherits:
+                    surface = self._voxels.velocity[axis]
+                    args = (*place, surface, self._emitter.inherit_velocity, float(given[axis]), component)
+                    self._launcher.launch(_drag, shape, faces, *args)
+                elif given[axis]:
+                    self._launcher.launch(_push, shape, faces, *place, float(given[axis]), component)
 
     def _acts(self, time: float) -> bool:
         return 0 not in self._voxels.shape and bool(value_at(self._emitter.enabled, time))
 
-    def _place(self) -> tuple[wp.vec3i, wp.array]:
-        """The box's first cell, and the share of its cells inside."""
-        return wp.vec3i(*self._voxels.lower), self._voxels.fraction
+    def _smoke(self) -> Iterator[tuple[wp.vec3i, wp.array]]:
+        """Parts of the box that are in the domain: the first cell there, and the share of cells that makes smoke."""
+        fraction = self._share.fraction() if self._share else self._voxels.fraction
+        for spans in product(*(self._spans(axis, 0) for axis in range(3))):
+            part = tuple(slice(first, end) for first, end, _ in spans)
+            whole = all(n == each.stop - each.start for n, each in zip(fraction.shape, part, strict=True))
+            yield wp.vec3i(*(first + shift for first, _, shift in spans)), fraction if whole else fraction[part]
 
-    def _smoke(self) -> tuple[wp.vec3i, wp.array]:
-        """The box's first cell, and the share of its cells that makes smoke."""
-        return wp.vec3i(*self._voxels.lower), self._share.fraction() if self._share else self._voxels.fraction
+    def _spans(self, axis: int, more: int) -> list[tuple[int, int, int]]:
+        """Which samples of the box along an axis are in the domain: from, to, and the number of the box's first there.
+
+        Beyond a periodic side the box goes on at the other end.
+
+        Args:
+            axis: 0, 1 or 2.
+            more: samples of the box, and of the domain, than cells: 1 for faces across the axis, else 0.
+        """
+        lower, count, n = self._voxels.lower[axis], self._voxels.shape[axis], self._lattice.shape[axis]
+        shifts = [0]
+        if self._lattice.sides[2 * axis] == "periodic" and count <= n + 1:  # else it is longer than the domain
+            shifts = range((lower - 1) // n, (lower + count) // n + 1)
+        spans = [(max(0, m * n - lower), min(count + more, (m + 1) * n + more - lower), lower - m * n) for m in shifts]
+        return [span for span in spans if span[0] < span[1]]
 
     def _hold(self, time: float, field: wp.array, value: float, ambient: float) -> None:
         if self._acts(time):
-            self._launcher.launch(_hold, self._voxels.shape, *self._smoke(), float(value), ambient, field)
+            for lower, fraction in self._smoke():
+                self._launcher.launch(_hold, fraction.shape, lower, fraction, float(value), ambient, field)
 
-    def _faces(self, axis: int) -> Patch:
-        """Faces of the box across an axis, numbered within it, without those on closed sides of the domain."""
-        lower, count = self._voxels.lower[axis], self._voxels.shape[axis]
-        low, high = self._lattice.sides[2 * axis : 2 * axis + 2]
-        skipped = int(lower == 0 and low == "closed")
-        count += 1 - skipped - int(lower + count == self._lattice.shape[axis] and high == "closed")
-        unit = np.eye(3, dtype=int)[axis]
-        shape = np.where(unit, count, self._voxels.shape)
-        return make_patch(tuple(skipped * unit), tuple(shape.tolist()), tuple(unit), (0, 0, 0))
+    def _faces(self, axis: int) -> Iterator[tuple[wp.vec3i, Patch]]:
+        """Faces of the box across an axis, numbered within it, without those on closed sides of the domain.
+
+        For each part that is in the domain: the number there of the box's first cell, and the faces.
+        """
+        n, (low, high) = self._lattice.shape[axis], self._lattice.sides[2 * axis : 2 * axis + 2]
+        unit = tuple(int(a == axis) for a in range(3))
+        for spans in product(*(self._spans(a, step) for a, step in enumerate(unit))):
+            first, end, shift = zip(*spans, strict=True)
+            skipped = int(first[axis] + shift[axis] == 0 and low == "closed")
+            left_out = int(end[axis] + shift[axis] == n + 1 and high == "closed")
+            start = tuple(a + skipped * step for a, step in zip(first, unit, strict=True))
+            shape = tuple(b - a - left_out * step for a, b, step in zip(start, end, unit, strict=True))
+            yield wp.vec3i(*shift), make_patch(start, shape, unit, (0, 0, 0))

@@ -5,7 +5,7 @@ R. Fedkiw, J. Stam, H. W. Jensen, *Visual Simulation of Smoke*, 2001, eq. 8: f =
 
 import warp as wp
 
-from warp_smoke.fluid.grid import Block, Patch, beside, inner_faces, side_faces
+from warp_smoke.fluid.grid import Block, Patch, beside, inner_faces, seam_faces, side_faces
 from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
@@ -54,10 +54,12 @@ class Buoyancy:
     """
 
     def __init__(self, launcher: Launcher, shape: tuple[int, int, int], sides: tuple[str, ...], up: tuple):
-        """Args as for the solver: shape in cells, open or closed sides, unit vector up along the lattice's axes."""
+        """Args as for the solver: shape in cells, its sides, unit vector up along the lattice's axes."""
         self._launcher = launcher
         self._axes = [
-            (axis, x, [inner_faces(shape, axis), *side_faces(shape, sides, axis)]) for axis, x in enumerate(up) if x
+            (axis, x, [inner_faces(shape, axis), *side_faces(shape, sides, axis), *seam_faces(shape, sides, axis)])
+            for axis, x in enumerate(up)
+            if x
         ]
 
     def add(self, scalar: wp.array, ambient: float, strength: float, velocity: tuple) -> None:

@@ -1,4 +1,4 @@
-"""Images of meshes in periodic domains: what leaves a periodic side comes in again at the other end."""
+"""Images of colliders in periodic domains: what leaves a periodic side comes in again at the other end."""
 
 from dataclasses import replace
 from itertools import product
@@ -6,13 +6,13 @@ from math import floor
 
 import numpy as np
 
-from warp_smoke.geometry import Points, transform_points
+from warp_smoke.geometry import transform_points
 from warp_smoke.lattice import Lattice
 from warp_smoke.record import each_value, read_only
-from warp_smoke.scene import Collider, Emitter
+from warp_smoke.scene import Collider
 
 
-def images(lattice: Lattice, prim: Emitter | Collider) -> list[Lattice]:
+def images(lattice: Lattice, prim: Collider) -> list[Lattice]:
     """The lattice as often as a mesh stands in it, each time shifted by whole domains along periodic axes.
 
     A mesh that is longer than the domain is taken as it stands.
@@ -29,18 +29,16 @@ def images(lattice: Lattice, prim: Emitter | Collider) -> list[Lattice]:
     return [_shifted(lattice, shift) for shift in product(*shifts)]
 
 
-def _reach(lattice: Lattice, prim: Emitter | Collider) -> tuple[np.ndarray, np.ndarray]:
+def _reach(lattice: Lattice, prim: Collider) -> tuple[np.ndarray, np.ndarray]:
     """Bounds along each axis at every sample of the transform, of all points that there ever are, [3, t] [cells]."""
     points = each_value(prim.mesh.points).reshape(-1, 3)
     if not len(points):
         return np.zeros((3, 1)), np.zeros((3, 1))
-    radius = each_value(prim.mesh.widths).max() / 2.0 if isinstance(prim.mesh, Points) else 0.0
-    ends = points.min(axis=0).astype(float) - radius, points.max(axis=0).astype(float) + radius
+    ends = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
     corners = np.where(np.indices((2, 2, 2)).reshape(3, 8).T, ends[1], ends[0])
     to_cells = lattice.world_to_cells()
     placed = np.array([transform_points(matrix @ to_cells, corners) for matrix in each_value(prim.transform)])
-    margin = getattr(prim, "thickness", 0.0)
-    return placed.min(axis=1).T - margin, placed.max(axis=1).T + margin
+    return placed.min(axis=1).T - prim.thickness, placed.max(axis=1).T + prim.thickness
 
 
 def _shifted(lattice: Lattice, shift: tuple[int, int, int]) -> Lattice:

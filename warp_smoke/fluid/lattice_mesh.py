@@ -9,6 +9,21 @@ from warp_smoke.launch import Launcher
 from warp_smoke.scene import Collider, Emitter
 
 
+def box_limits(lattice: Lattice, extent: np.ndarray, wraps: bool) -> tuple[np.ndarray, np.ndarray]:
+    """First cell and end of those that the box around a shape may have along each axis.
+
+    Args:
+        lattice: cells of the domain.
+        extent: of the shape, [3] [cells].
+        wraps: whether the box goes on beyond periodic sides: as far as the shape does, but only by the cells beside
+            those sides if it is longer than the domain, which is then taken as it stands.
+    """
+    n = np.asarray(lattice.shape)
+    ring = wraps & np.array([side == "periodic" for side in lattice.sides[0::2]])
+    beyond = np.where(ring, np.where(extent > n, 1, 2**30), 0)
+    return -beyond, n + beyond
+
+
 class LatticeMesh:
     """One mesh in cell coordinates, kept up to date as it moves; subclasses say what becomes of its cells.
 
@@ -20,6 +35,8 @@ class LatticeMesh:
         shape: cells of the box, those that the mesh or its margin touches, at least one along each axis; (0, 0, 0)
             before the first update, and where the mesh has no triangles or lies outside the lattice.
     """
+
+    wraps = False  # whether the box goes on beyond periodic sides
 
     def __init__(self, launcher: Launcher, lattice: Lattice, prim: Emitter | Collider, label: str, margin: float = 0.0):
         """Makes the mesh known; `update` places it.
@@ -93,13 +110,13 @@ class LatticeMesh:
         return transform_points(self._to_cells(time), self._prim.mesh.points_at(time))
 
     def _fit_box(self, points: np.ndarray) -> None:
-        limit = np.asarray(self._lattice.shape)
         low, high = points.min(axis=0) - self._margin, points.max(axis=0) + self._margin
         self.lower = self.shape = (0, 0, 0)
+        first, end = box_limits(self._lattice, high - low, self.wraps)
         # A mesh less than half a cell outside stands between the outermost centres and those beyond an open side.
-        if np.all(high >= -0.5) and np.all(low <= limit + 0.5):
-            lower = np.clip(np.floor(low), 0, limit - 1).astype(int)
-            upper = np.maximum(np.clip(np.ceil(high), 1, limit).astype(int), lower + 1)
+        if np.all(high >= first - 0.5) and np.all(low <= end + 0.5):
+            lower = np.clip(np.floor(low), first, end - 1).astype(int)
+            upper = np.maximum(np.clip(np.ceil(high), first + 1, end).astype(int), lower + 1)
             self.lower, self.shape = tuple(lower.tolist()), tuple((upper - lower).tolist())
 
     def _place_mesh(self, points: np.ndarray, velocity: np.ndarray) -> None:

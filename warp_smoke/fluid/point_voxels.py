@@ -10,6 +10,7 @@ from math import prod
 import numpy as np
 import warp as wp
 
+from warp_smoke.fluid.lattice_mesh import box_limits
 from warp_smoke.fluid.voxelize import share_behind_plane
 from warp_smoke.geometry import transform_points
 from warp_smoke.lattice import Lattice
@@ -185,10 +186,10 @@ class PointVoxels:
         self.lower = self.shape = (0, 0, 0)
         if not radii.any():
             return
-        limit = np.asarray(self._lattice.shape)
         reach = (radii + _HALF_DIAGONAL)[:, None]
-        lower = np.clip(np.floor((centres - reach).min(axis=0)), 0, limit).astype(int)
-        upper = np.clip(np.ceil((centres + reach).max(axis=0)), 0, limit).astype(int)
+        low, high = (centres - reach).min(axis=0), (centres + reach).max(axis=0)
+        first, end = box_limits(self._lattice, high - low, wraps=True)
+        lower, upper = np.clip(np.floor(low), first, end).astype(int), np.clip(np.ceil(high), first, end).astype(int)
         if np.all(lower < upper):
             self.lower, self.shape = tuple(lower.tolist()), tuple((upper - lower).tolist())
 

@@ -10,12 +10,13 @@ from math import ceil, inf, isfinite, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
+import warp as wp
 
 from warp_smoke.fluid.active_box import FAST, fit_boxes
 from warp_smoke.fluid.advection import limit_energy
 from warp_smoke.fluid.array_source import ArraySource
 from warp_smoke.fluid.colliders import Solids, empty_solids
-from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffusion_number
+from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffuse_scalar, diffusion_number
 from warp_smoke.fluid.dissipation import decay
 from warp_smoke.fluid.emitters import Interval, Source
 from warp_smoke.fluid.forces import Buoyancy
@@ -53,7 +54,7 @@ _ROUND_OFF = 1e-5
 _FORCES = ("emit_velocity", "confine_vorticity", "add_buoyancy", "stir_air", "on_substep", "diffuse_velocity")
 _LAST = {
     "density": ("emit_density", "advect_density", "diffuse_density", "dissipate_density"),
-    "temperature": ("emit_temperature", "advect_temperature", "cool_temperature"),
+    "temperature": ("emit_temperature", "advect_temperature", "diffuse_temperature", "cool_temperature"),
 }
 
 
@@ -131,9 +132,10 @@ class SmokeSolver:
         if self._has("stir_air") and strength:
             self._turbulence = Turbulence(launcher, plan.lattice, strength, plan.domain.turbulence_scale)
         if self._has("confine_vorticity"):
-            self._confinement = VorticityConfinement(launcher, shape, plan.lattice.h, self._measures)
+            self._confinement = VorticityConfinement(launcher, shape, sides, plan.lattice.h, self._measures)
 
-        diffusing = (0, 1, 2) * self._has("diffuse_velocity") + (None,) * self._has("diffuse_density")
+        spreads = self._has("diffuse_density") or self._has("diffuse_temperature")
+        diffusing = (0, 1, 2) * self._has("diffuse_velocity") + (None,) * spreads
         if diffusing:
             problem = DiffusionProblem(
                 shape, sides, plan.lattice.no_slip, diffusing, plan.domain.diffusion_sweeps, self.solids
@@ -250,7 +252,7 @@ class SmokeSolver:
             pressure = self._project_pressure()
             courant, speed = self._advect(dt)
             report = StepReport(1, courant, speed, [pressure], confinement, diffusion)
-        diffusion = self._diffuse_density(dt)
+        diffusion = self._diffuse_scalars(dt)
         self._dissipate(dt)
         self._check_scalars()
         return replace(report, diffusion=max(report.diffusion, diffusion))
@@ -361,13 +363,22 @@ class SmokeSolver:
                 self.solids.apply(self.state.velocity)
             return max(self._diffusion.diffuse(axis, faces, r) for axis, faces in enumerate(self.state.velocity))
 
-    def _diffuse_density(self, dt: float) -> float:
+    def _diffuse_scalars(self, dt: float) -> float:
         """Returns the bound on the error of diffusion."""
-        if not self._has("diffuse_density"):
-            return 0.0
-        r = diffusion_number(self._domain.density_diffusion, dt, self._lattice.h)
-        with self._timings.measure("diffuse_density"):
-            return self._diffusion.diffuse(None, self.state.density, r)
+        domain, state, error = self._domain, self.state, 0.0
+        if self._has("diffuse_density"):
+            error = self._diffuse_scalar("diffuse_density", state.density, domain.density_diffusion, dt, 0.0, 0.0)
+        if self._has("diffuse_temperature"):
+            args = (state.temperature, domain.temperature_diffusion, dt, domain.ambient_temperature, -inf)
+            error = max(error, self._diffuse_scalar("diffuse_temperature", *args))
+        return error
+
+    def _diffuse_scalar(
+        self, name: str, scalar: wp.array, coefficient: float, dt: float, ambient: float, least: float
+    ) -> float:
+        r = diffusion_number(coefficient, dt, self._lattice.h)
+        with self._timings.measure(name):
+            return diffuse_scalar(self._launcher, self._diffusion, scalar, r, ambient, least)
 
     def _project_pressure(self) -> PressureStatus:
         launcher, sides, divergence = self._launcher, self._lattice.sides, self._divergence

@@ -8,11 +8,15 @@ from math import hypot, sqrt
 import warp as wp
 
 from warp_smoke.fluid.forces import accelerate
-from warp_smoke.fluid.grid import inner_faces
+from warp_smoke.fluid.grid import inner_faces, seam_faces
+from warp_smoke.fluid.halo import Halo
 from warp_smoke.fluid.measures import Measures
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
+
+# Ghosts that the force reaches: the gradient of differences.
+_REACH = 2
 
 
 @wp.func
@@ -169,19 +173,27 @@ def capped_scale(work: float, square: float, cap: float) -> float:
 class VorticityConfinement:
     """Confinement of a strength ε that never makes more kinetic energy than it is allowed."""
 
-    def __init__(self, launcher: Launcher, shape: tuple[int, int, int], h: float, measures: Measures):
+    def __init__(
+        self, launcher: Launcher, shape: tuple[int, int, int], sides: tuple[str, ...], h: float, measures: Measures
+    ):
         """Allocates.
 
         Args:
             launcher: where it runs.
             shape: cells along each axis (nx, ny, nz).
+            sides: open, closed or periodic for each of -x +x -y +y -z +z.
             h: side of a cell [m].
             measures: of the same lattice.
         """
         self._launcher, self._h, self._measures = launcher, h, measures
-        self._force = tuple(launcher.zeros(shape, "vorticity") for _ in range(3))
+        self._force = self._inner_force = tuple(launcher.zeros(shape, "vorticity") for _ in range(3))
         self._size = launcher.zeros(shape, "vorticity")
-        self._patches = [[inner_faces(shape, axis)] for axis in range(3)]
+        self._patches = [[inner_faces(shape, axis), *seam_faces(shape, sides, axis)] for axis in range(3)]
+        self._halo = None
+        if "periodic" in sides:
+            halo = self._halo = Halo(launcher, shape, sides, _REACH)
+            self._force, self._size = tuple(halo.zeros("vorticity") for _ in range(3)), halo.zeros("vorticity")
+            self._padded = tuple(halo.zeros("vorticity", axis) for axis in range(3))
 
     def add(self, velocity: tuple, strength: float, dt: float, cap: float) -> float:
         """Adds s dt ε h (N × ω) with the largest s ≤ 1 that keeps the gain of kinetic energy within the cap.
@@ -197,10 +209,21 @@ class VorticityConfinement:
         Returns:
             s.
         """
-        measure_vorticity(self._launcher, velocity, self._h, self._force, self._size)
-        self._launcher.launch(_confine, self._size.shape, self._size, strength * self._h, *self._force)
-        power, square = self._measures.work(velocity, self._force)
+        self._measure_force(velocity, strength)
+        power, square = self._measures.work(velocity, self._inner_force)
         scale = capped_scale(dt * power, 0.5 * dt * dt * square, cap)
-        for component, patches, force in zip(velocity, self._patches, self._force, strict=True):
+        for component, patches, force in zip(velocity, self._patches, self._inner_force, strict=True):
             accelerate(self._launcher, patches, force, 0.0, scale * dt, component)
         return scale
+
+    def _measure_force(self, velocity: tuple, strength: float) -> None:
+        """Makes the force ε h (N × ω) in the cells of the domain."""
+        if self._halo:
+            for axis, (component, padded) in enumerate(zip(velocity, self._padded, strict=True)):
+                self._halo.pad(component, padded, axis)
+            velocity = self._padded
+        measure_vorticity(self._launcher, velocity, self._h, self._force, self._size)
+        self._launcher.launch(_confine, self._size.shape, self._size, strength * self._h, *self._force)
+        if self._halo:
+            for padded, force in zip(self._force, self._inner_force, strict=True):
+                self._halo.crop(padded, force)

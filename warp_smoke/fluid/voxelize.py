@@ -10,7 +10,7 @@ from math import prod
 import numpy as np
 import warp as wp
 
-from warp_smoke.fluid.lattice_mesh import LatticeMesh
+from warp_smoke.fluid.lattice_mesh import LatticeMesh, box_limits
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.scene import Collider, Emitter
@@ -153,7 +153,7 @@ def fill_fraction(
         closed: whether the mesh is closed, so that its sign changes at its surface alone.
         fraction: over the box, written.
     """
-    args = (margin, margin + _HALF_DIAGONAL, far, int(closed), int(lower[2] == 0), fraction)
+    args = (margin, margin + _HALF_DIAGONAL, far, int(closed), int(lower[2] <= 0), fraction)
     launcher.launch_queries(_voxelize, fraction.shape, mesh, lower, *args)
 
 
@@ -163,6 +163,8 @@ class MeshVoxels(LatticeMesh):
     Attributes:
         fraction: share of each cell of the box inside, [*shape], 0 to 1; says nothing where the box has no cells.
     """
+
+    wraps = True
 
     def __init__(self, launcher: Launcher, lattice: Lattice, prim: Emitter | Collider, label: str, margin: float = 0.0):
         """Makes the mesh known; `update` fills the cells. Arguments as for `LatticeMesh`."""
@@ -213,8 +215,11 @@ class MeshVoxels(LatticeMesh):
 
         1 where that is not known, since the mesh is not closed or sticks out of the lattice.
         """
-        points, limit = self._points[self._used], np.asarray(self._lattice.shape)
-        if not self._closed or 0 in self.shape or np.any(points.min(axis=0) < 0) or np.any(points.max(axis=0) > limit):
+        if not self._closed or 0 in self.shape:
+            return 1.0
+        low, high = self._points[self._used].min(axis=0), self._points[self._used].max(axis=0)
+        first, end = box_limits(self._lattice, high - low, self.wraps)
+        if np.any(low < first) or np.any(high > end):
             return 1.0
         filled = float(self.fraction.numpy().sum(dtype=np.float64))
         # Of a mesh that overlaps itself the volume counts twice what the cells count once.

@@ -234,6 +234,7 @@ class MeshWalls(LatticeMesh):
             the centre is; says nothing where the box has no cells.
         crossed: 1 for each face of the box's cells across x, y and z between whose cells the surface passes, else 0,
             [ni+1, nj, nk], [ni, nj+1, nk], [ni, nj, nk+1].
+        friction: of the surface, 0 to 1.
     """
 
     def __init__(self, launcher: Launcher, lattice: Lattice, collider: Collider):
@@ -245,6 +246,7 @@ class MeshWalls(LatticeMesh):
             collider: the mesh; its thickness is in voxels.
         """
         super().__init__(launcher, lattice, collider, "colliders", collider.thickness)
+        self.friction = collider.friction
         self.fraction, self.crossed, self._speed = None, (), ()
         self._storage = ()  # room for all of these, as large as the largest box so far
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from warp_smoke.lattice import Lattice, place_lattice
 from warp_smoke.plan.passes import DomainPlan, Ledger, When
-from warp_smoke.plan.reach import in_box, is_moving, over, swept_corners
+from warp_smoke.plan.reach import is_moving, may_touch, over, swept_corners
 from warp_smoke.record import FieldError, each_value
 from warp_smoke.scene import (
     DIFFUSION_SOLVERS,
@@ -64,9 +64,10 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain, stirred_by: s
         else:
             ledger.omit(name, (domain.path,), why_not)
 
+    spreads = domain.density_diffusion or (has_heat and domain.temperature_diffusion)
     choose(
         "voxelize_colliders",
-        (flows or domain.density_diffusion) and colliders,
+        (flows or spreads) and colliders,
         f"smoke flows around {_paths(colliders)}" if flows else f"smoke spreads around {_paths(colliders)}",
         still if colliders else "no collider touches the domain",
         makes="solid cells",
@@ -96,7 +97,9 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain, stirred_by: s
     )
     sticky = domain.boundary is not None and "no_slip" in domain.boundary
     why = f"viscosity is {domain.viscosity:g} m²/s; {diffusion_why}"
+    rough = [each for each in colliders if isinstance(each, Collider) and each.friction]
     slips = "viscosity is 0" + ", so air slides along the sides that are no_slip too" * sticky
+    slips += f", so air slides along {_paths(rough)}" if rough else ""
     why_not = still if domain.viscosity else slips
     choose("diffuse_velocity", flows and domain.viscosity, why, why_not, makes="velocity", method=diffusion_solver)
     why = f"{stirred_by} moves the air; " * bool(stirred_by) + f"air keeps its volume; {solver_why}"
@@ -111,6 +114,11 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain, stirred_by: s
     spread, why_not = domain.density_diffusion, "densityDiffusion is 0"
     why = f"densityDiffusion is {spread:g} m²/s; {diffusion_why}"
     choose("diffuse_density", spread, why, why_not, makes="density", method=diffusion_solver)
+    spread = domain.temperature_diffusion
+    why, why_not = f"temperatureDiffusion is {spread:g} m²/s; {diffusion_why}", "temperatureDiffusion is 0"
+    why_not = why_not if has_heat else cold
+    asked = has_heat and spread
+    choose("diffuse_temperature", asked, why, why_not, makes="temperature", method=diffusion_solver)
     rate = domain.density_dissipation
     choose("dissipate_density", rate, f"densityDissipation is {rate:g}/s", "densityDissipation is 0", makes="density")
     rate = domain.temperature_cooling
@@ -183,7 +191,7 @@ def _emitters(
             why = f"{emitter.path} is off at every frame"
         elif not np.any(each_value(gives)) and not np.any(each_value(emitter.temperature)):
             why = f"{emitter.path} makes no smoke: its density or rate is 0"
-        elif not in_box(lattice, corners):
+        elif not may_touch(lattice, corners):
             why = f"{emitter.path} never touches {domain.path}"
         else:
             found.append(emitter)
@@ -202,7 +210,7 @@ def _colliders(
                 found.append(collider)
             else:
                 ledger.omit("collide", (domain.path, collider.path), f"{collider.path} is for {collider.domain}")
-        elif in_box(lattice, swept_corners(collider, scene.frames)):
+        elif may_touch(lattice, swept_corners(collider, scene.frames)):
             found.append(collider)
         else:
             why = f"{collider.path} never touches {domain.path}"

@@ -1,6 +1,7 @@
 """Estimates of device memory, before anything is allocated."""
 
 from dataclasses import replace
+from math import prod
 
 import numpy as np
 from PIL import Image
@@ -25,10 +26,12 @@ _SOLVER = {
     "jacobi": 6.3,
 }
 _OPEN_FACES = 4  # iterative solvers need them without colliders too
-_DIFFUSION = {"spectral": 0, "jacobi": 2}
+_DIFFUSION = {"spectral": 0, "jacobi": 3}
 # Of a shadow caster: three points and indices, and in Warp's hierarchy two nodes of 32 bytes, bounds and indices.
 _TRIANGLE = 48 + 108
 _LIGHT_BLOCK = 16384  # cells that `shading.volume` lights at a time
+_GHOSTS = 7  # at both ends of periodic axes, with the default Courant number
+_FRICTION = 5  # of faces and cells, and the field with the drag of walls
 _ADVECTION = {"semi_lagrangian": 7.0, "semi_lagrangian_cubic": 7.0, "maccormack": 16.0, "bfecc": 20.0}
 
 
@@ -68,12 +71,28 @@ def _domain_bytes(plan: DomainPlan) -> int:
         if plan.pressure_solver != "spectral" and not plan.colliders:
             floats += _OPEN_FACES
         floats += 20 / plan.lattice.shape[1]  # sums along j, in double precision
+        floats += _ghost_floats(plan)
     floats += sum(_array_floats(each) for each in (*plan.emitters, *plan.colliders))
-    if {"diffuse_velocity", "diffuse_density"} & set(plan.passes):
+    if {"diffuse_velocity", "diffuse_density", "diffuse_temperature"} & set(plan.passes):
         floats += _DIFFUSION[plan.diffusion_solver]
         if plan.diffusion_solver == "jacobi" and not plan.colliders:
             floats += _OPEN_FACES
+        if any(isinstance(each, Collider) and each.friction for each in plan.colliders):
+            floats += _FRICTION
     return int(4 * plan.lattice.cells * floats)
+
+
+def _ghost_floats(plan: DomainPlan) -> float:
+    """Floats for each cell of copies of the fields with ghosts beyond periodic sides, besides those of a closed box."""
+    shape, rings = plan.lattice.shape, [side == "periodic" for side in plan.lattice.sides[0::2]]
+    if not any(rings):
+        return 0.0
+    grown = prod(n + 2 * _GHOSTS * ring for n, ring in zip(shape, rings, strict=True)) / plan.lattice.cells
+    floats = (grown - 1.0) * _ADVECTION[plan.advection] + 4.0 * grown
+    floats += 5.0 * grown if plan.colliders else 0.0
+    if "confine_vorticity" in plan.passes:
+        floats += 7.0 * prod(n + 4 * ring for n, ring in zip(shape, rings, strict=True)) / plan.lattice.cells
+    return floats
 
 
 def _array_floats(record: Emitter | ArrayEmitter | Collider | ArrayCollider) -> int:

@@ -29,6 +29,7 @@ PASS_NAMES = (
     "advect_density",
     "advect_temperature",
     "diffuse_density",
+    "diffuse_temperature",
     "dissipate_density",
     "cool_temperature",
     "write_volume",

@@ -57,6 +57,17 @@ def in_box(lattice: Lattice, points: np.ndarray, margin: float = 0.0) -> bool:
     return _hull_meets_box(cells, np.full(3, margin), np.asarray(lattice.shape, float) - margin)
 
 
+def may_touch(lattice: Lattice, points: np.ndarray) -> bool:
+    """Whether the hull of world points [n, 3], or an image of it along periodic axes, meets a lattice's box."""
+    if not len(points):
+        return False
+    cells = transform_points(lattice.world_to_cells(), points)
+    for axis, side in enumerate(lattice.sides[0::2]):
+        if side == "periodic":  # an image is everywhere along the axis, in the box's middle too
+            cells[:, axis] = lattice.shape[axis] / 2
+    return _hull_meets_box(cells, np.zeros(3), np.asarray(lattice.shape, float))
+
+
 def in_range(light: Light, points: np.ndarray, frames: range) -> bool:
     """Whether a light reaches any point of the hull of world points: within its falloff's end."""
     if isinstance(light, DistantLight) or light.falloff_end is None:

@@ -22,7 +22,7 @@ from warp_smoke.record import (
 from warp_smoke.scene.prim import Prim
 
 SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
-BOUNDARIES = ("open", "closed", "no_slip")
+BOUNDARIES = ("open", "closed", "no_slip", "periodic")
 ADVECTION_SCHEMES = ("semi_lagrangian", "semi_lagrangian_cubic", "maccormack", "bfecc")
 PRESSURE_SOLVERS = (
     "spectral",
@@ -45,8 +45,9 @@ class SmokeDomain(Prim):
     Attributes:
         lower, upper: corners in local space; the transform may turn and scale the box but not shear it.
         resolution: cells along the longest side; cells are cubes.
-        boundary: open, closed (air slides along it) or no_slip (closed, and viscous air sticks to it) for each of the
-            sides -x +x -y +y -z +z of the box; None = open, with the bottom closed.
+        boundary: open, closed (air slides along it), no_slip (closed, and viscous air sticks to it) or periodic (what
+            leaves comes in again at the opposite side, which has to be periodic too) for each of the sides
+            -x +x -y +y -z +z of the box; None = open, with the bottom closed.
         time_scale: seconds of smoke for each second of the stage.
         max_courant: largest max|u| dt / h of a substep.
         buoyancy_density: α, downward acceleration per density [m/s²].
@@ -58,7 +59,7 @@ class SmokeDomain(Prim):
         viscosity: kinematic viscosity ν of the air [m²/s].
         wind: velocity of the air at the beginning, and when it comes in through open sides, along the stage's axes
             [m/s].
-        density_diffusion: how fast smoke spreads by itself [m²/s].
+        density_diffusion, temperature_diffusion: how fast smoke and heat spread by themselves [m²/s].
         density_dissipation, temperature_cooling: decay rates [1/s].
         extinction: σ [1/m] at density 1.
         extinction_color: factor on σ for red, green and blue: its shadows have the colours that are let through.
@@ -85,6 +86,7 @@ class SmokeDomain(Prim):
     viscosity: float = 0.0
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0)
     density_diffusion: float = 0.0
+    temperature_diffusion: float = 0.0
     density_dissipation: float = 0.0
     temperature_cooling: float = 0.0
     extinction: float = 4.0
@@ -111,7 +113,7 @@ class SmokeDomain(Prim):
         if self.turbulence_scale is not None:
             self._check(positive, "turbulence_scale")
         self._check(at_least, "turbulence", "vorticity", "viscosity", "density_diffusion", "density_dissipation")
-        self._check(at_least, "temperature_cooling", "extinction")
+        self._check(at_least, "temperature_diffusion", "temperature_cooling", "extinction")
         self._check(at_least, "extinction_color", "albedo", shape=(3,))
         if max(self.albedo) > 1:
             raise FieldError(self.path, "albedo", self.albedo, "0 to 1")
@@ -119,6 +121,10 @@ class SmokeDomain(Prim):
             self._check(tokens, "boundary", allowed=BOUNDARIES)
             if len(self.boundary) != len(SIDES):
                 raise FieldError(self.path, "boundary", self.boundary, "six tokens, one for each of " + " ".join(SIDES))
+            pairs = zip(self.boundary[0::2], self.boundary[1::2], strict=True)
+            if any("periodic" in pair and pair[0] != pair[1] for pair in pairs):
+                allowed = "periodic on both of two opposite sides, or on neither"
+                raise FieldError(self.path, "boundary", self.boundary, allowed)
         self._check(flag, "active_box")
         self._check(tokens, "grids", allowed=GRIDS)
         self._store("grids", tuple(dict.fromkeys(self.grids)))
@@ -212,12 +218,16 @@ class Collider(Prim):
     Attributes:
         mesh: its shape, in local space.
         thickness: added outside the mesh [voxels].
+        friction: how far it holds back viscous air that moves along it: 0 slips, 1 sticks.
     """
 
     mesh: Mesh
     thickness: float = 0.0
+    friction: float = 0.0
 
     def __post_init__(self):
         super().__post_init__()
         self._check_reach(self.mesh.points)
-        self._check(at_least, "thickness")
+        self._check(at_least, "thickness", "friction")
+        if self.friction > 1:
+            raise FieldError(self.path, "friction", self.friction, "0 to 1")

@@ -12,6 +12,7 @@ import warp as wp
 from warp_smoke.fluid.colliders import open_faces
 from warp_smoke.fluid.diffusion.problem import DiffusionProblem
 from warp_smoke.fluid.grid import face_shape
+from warp_smoke.fluid.halo import Halo
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
@@ -129,6 +130,66 @@ class Component:
     second_upper: float
 
 
+@wp.func
+def _grip(
+    u: wp.array3d[float],
+    open_share: wp.array3d[float],
+    friction: wp.array3d[float],
+    along: wp.vec3i,
+    across: wp.vec3i,
+    i: int,
+    j: int,
+    k: int,
+):
+    """Σ w u_wall and Σ w over the two walls `across` face (i, j, k): w = 2 by the mean friction of two faces of cells.
+
+    u_wall is what the next face beyond moves with if it is closed; a wall between open faces stands.
+    """
+    ci = wp.max(i - along[0], 0)
+    cj = wp.max(j - along[1], 0)
+    ck = wp.max(k - along[2], 0)
+    di = wp.min(i, u.shape[0] - 1 - along[0])
+    dj = wp.min(j, u.shape[1] - 1 - along[1])
+    dk = wp.min(k, u.shape[2] - 1 - along[2])
+    w0 = friction[ci, cj, ck] + friction[di, dj, dk]
+    w1 = friction[ci + across[0], cj + across[1], ck + across[2]]
+    w1 += friction[di + across[0], dj + across[1], dk + across[2]]
+    i0 = wp.max(i - across[0], 0)
+    j0 = wp.max(j - across[1], 0)
+    k0 = wp.max(k - across[2], 0)
+    i1 = wp.min(i + across[0], u.shape[0] - 1)
+    j1 = wp.min(j + across[1], u.shape[1] - 1)
+    k1 = wp.min(k + across[2], u.shape[2] - 1)
+    wall0 = wp.where(open_share[i0, j0, k0] > 0.0, 0.0, u[i0, j0, k0])
+    wall1 = wp.where(open_share[i1, j1, k1] > 0.0, 0.0, u[i1, j1, k1])
+    return w0 * wall0 + w1 * wall1, w0 + w1
+
+
+@wp.kernel
+def _drag_faces(
+    rows: Rows,
+    component: Component,
+    u: wp.array3d[float],
+    open_share: wp.array3d[float],
+    first_friction: wp.array3d[float],
+    second_friction: wp.array3d[float],
+    r: float,
+    before_out: wp.array3d[float],
+    grip_out: wp.array3d[float],
+):
+    """Sets grip = Σ w over the walls beside each face, and before = u + r Σ w u_wall; see `_grip`."""
+    i, j, c = wp.tid()
+    i += rows.first
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, u.shape[2])
+    while k < end:
+        drag1, grip1 = _grip(u, open_share, first_friction, component.own, component.first, i, j, k)
+        drag2, grip2 = _grip(u, open_share, second_friction, component.own, component.second, i, j, k)
+        before_out[i, j, k] = u[i, j, k] + r * (drag1 + drag2)
+        grip_out[i, j, k] = grip1 + grip2
+        k += 1
+
+
 @wp.kernel
 def _sweep_faces(
     rows: Rows,
@@ -138,10 +199,11 @@ def _sweep_faces(
     open_share: wp.array3d[float],
     first_share: wp.array3d[float],
     second_share: wp.array3d[float],
+    grip: wp.array3d[float],
     r: float,
     u_out: wp.array3d[float],
 ):
-    """u_out = (before + r Σ w u_nb) / (1 + r Σ w) on open faces, u elsewhere.
+    """u_out = (before + r Σ w u_nb) / (1 + r (Σ w + grip)) on open faces, u elsewhere.
 
     w = 1 along the component's own axis, where u goes on mirrored on open sides; else see `_exchange`.
     """
@@ -153,6 +215,7 @@ def _sweep_faces(
     own = dense(open_share)
     share1 = dense(first_share)
     share2 = dense(second_share)
+    walls = dense(grip)
     out = dense_store(u_out)
     last_i = u.shape[0] - 1
     last_j = u.shape[1] - 1
@@ -173,7 +236,7 @@ def _sweep_faces(
             src, share2, a, component.second, component.second_lower, component.second_upper, i, j, k
         )
         total = src[i0, j0, k0] + src[i1, j1, k1] + total1 + total2
-        value = (old[i, j, k] + r * total) / (1.0 + r * (2.0 + weight1 + weight2))
+        value = (old[i, j, k] + r * total) / (1.0 + r * (2.0 + weight1 + weight2 + walls[i, j, k]))
         out[i, j, k] = bits(wp.where(own[i, j, k] > 0.0, value, src[i, j, k]))
         k += 1
 
@@ -188,42 +251,74 @@ class JacobiDiffusion:
             launcher: where it runs.
             problem: what diffuses where.
         """
-        self._launcher, self._most = launcher, problem.sweeps
-        self._shares = self._open_shares(problem)
-        shapes = {each: problem.shape if each is None else face_shape(problem.shape, each) for each in problem.fields}
-        size = max(prod(shape) for shape in shapes.values())
-        spare = [launcher.zeros(size, "diffusion") for _ in range(2)]
-        self._spare = {field: [each[: prod(shape)].reshape(shape) for each in spare] for field, shape in shapes.items()}
+        self._launcher, self._problem, solids = launcher, problem, problem.solids
+        halo = self._halo = Halo(launcher, problem.shape, problem.sides, 1) if "periodic" in problem.sides else None
+        self._friction = solids.friction if solids else None
+        self._shares = self._own_shares = (solids.wx, solids.wy, solids.wz) if solids else self._open_shares()
+        self._own_friction, self._changes = self._friction, None
+        if halo:
+            self._shares = tuple(halo.zeros("diffusion", axis) for axis in range(3))
+            self._friction = self._friction and tuple(halo.zeros("diffusion", axis) for axis in range(3))
+        cells = halo.shape if halo else problem.shape
+        shapes = {each: cells if each is None else face_shape(cells, each) for each in problem.fields}
+        # Two to sweep between, the grip of walls, and the field among ghosts and with the drag of walls.
+        size, count = max(map(prod, shapes.values())), 3 + bool(halo) + bool(self._friction)
+        rooms = [launcher.zeros(size, "diffusion") for _ in range(count)]
+        self._rooms = {field: [each[: prod(shape)].reshape(shape) for each in rooms] for field, shape in shapes.items()}
         self._components = [_make_component(axis, problem.no_slip) for axis in range(3)]
 
-    def _open_shares(self, problem: DiffusionProblem) -> tuple:
-        if problem.solids is not None:
-            return problem.solids.wx, problem.solids.wy, problem.solids.wz
+    def _open_shares(self) -> tuple:
+        problem = self._problem
         shares = tuple(self._launcher.zeros(face_shape(problem.shape, axis), "diffusion") for axis in range(3))
         fluid = self._launcher.zeros(problem.shape, "diffusion")
         fluid.fill_(1.0)
         open_faces(self._launcher, fluid, problem.sides, shares)
         return shares
 
+    def _take_in_solids(self) -> None:
+        """Copies among the ghosts which faces are open, if that has changed."""
+        changes = self._problem.solids.changes if self._problem.solids else 0
+        if self._halo and changes != self._changes:
+            pairs = [(self._own_shares, self._shares)]
+            if self._friction:
+                pairs.append((self._own_friction, self._friction))
+            for own, padded in pairs:
+                for axis in range(3):
+                    self._halo.pad(own[axis], padded[axis], axis)
+            self._changes = changes
+
     def diffuse(self, axis: int | None, field: wp.array, r: float) -> float:
         """Diffuses a field; see `DiffusionSolver.diffuse`."""
         if r == 0.0:
             return 0.0
+        self._take_in_solids()
         shrinks = 6.0 * r / (1.0 + 6.0 * r)  # the error, by each sweep or faster
-        sweeps = self._most if shrinks == 1.0 else min(self._most, ceil(log(_ENOUGH) / log(shrinks)))
-        source, (target, other) = field, self._spare[axis]
+        most = self._problem.sweeps
+        sweeps = most if shrinks == 1.0 else min(most, ceil(log(_ENOUGH) / log(shrinks)))
+        target, other, grip, *rest = self._rooms[axis]
+        source = before = self._halo.pad(field, rest[0], axis) if self._halo else field
+        if axis is not None and self._friction:
+            before = rest[-1]
+            across = (self._friction[a] for a in range(3) if a != axis)
+            args = (self._components[axis], source, self._shares[axis], *across, r, before, grip)
+            self._launcher.launch(_drag_faces, source.shape, *args)
         for _ in range(sweeps):
-            self._sweep(axis, field, source, r, target)
+            self._sweep(axis, before, source, grip, r, target)
+            if self._halo:
+                self._halo.fill(target, axis)
             source, target, other = target, other, target
-        wp.copy(field, source)
+        if self._halo:
+            self._halo.crop(source, field)
+        else:
+            wp.copy(field, source)
         return shrinks**sweeps
 
-    def _sweep(self, axis: int | None, before: wp.array, source: wp.array, r: float, target: wp.array) -> None:
+    def _sweep(self, axis: int | None, before: wp.array, source: wp.array, grip: wp.array, r: float, target) -> None:
         if axis is None:
             self._launcher.launch(_sweep_cells, before.shape, before, source, *self._shares, r, target)
         else:
-            first, second = (self._shares[a] for a in range(3) if a != axis)
-            args = (self._components[axis], before, source, self._shares[axis], first, second, r, target)
+            across = (self._shares[a] for a in range(3) if a != axis)
+            args = (self._components[axis], before, source, self._shares[axis], *across, grip, r, target)
             self._launcher.launch(_sweep_faces, before.shape, *args)
 
 

@@ -28,9 +28,9 @@ class DiffusionProblem:
 
     Attributes:
         shape: cells along each axis (nx, ny, nz).
-        sides: open or closed for each of -x +x -y +y -z +z.
+        sides: open, closed or periodic for each of -x +x -y +y -z +z.
         no_slip: which of them hold the velocity along them back.
-        fields: what diffuses: 0, 1 or 2 for a velocity component, None for the density.
+        fields: what diffuses: 0, 1 or 2 for a velocity component, None for those of the cells.
         sweeps: the most that an iterative solver does.
         solids: the colliders on the lattice, or None.
     """

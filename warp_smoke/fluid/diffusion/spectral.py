@@ -5,7 +5,17 @@ import warp as wp
 
 from warp_smoke.fluid.diffusion.problem import DiffusionProblem
 from warp_smoke.fluid.grid import face_shape
-from warp_smoke.fluid.transforms import EVEN, ODD, FastTransforms, MatrixTransforms, Modes, cell_modes, face_modes
+from warp_smoke.fluid.halo import copy_samples, last_faces
+from warp_smoke.fluid.transforms import (
+    EVEN,
+    ODD,
+    PERIODIC,
+    FastTransforms,
+    MatrixTransforms,
+    Modes,
+    cell_modes,
+    face_modes,
+)
 from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
@@ -32,19 +42,6 @@ def _damp(
         k += 1
 
 
-@wp.kernel
-def _clip(rows: Rows, a_inout: wp.array3d[float]):
-    """Clipping: a = max(a, 0)."""
-    i, j, c = wp.tid()
-    i += rows.first
-    a = dense(a_inout)
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, a_inout.shape[2])
-    while k < end:
-        a[i, j, k] = wp.max(a[i, j, k], 0.0)
-        k += 1
-
-
 class SpectralDiffusion:
     """Exact in a box without colliders, by the modes of the Laplacian."""
 
@@ -60,7 +57,7 @@ class SpectralDiffusion:
         """
         if problem.solids is not None:
             raise ValueError("diffusion_solver is spectral in a domain with colliders; allowed: jacobi")
-        self._launcher = launcher
+        self._launcher, self._problem = launcher, problem
         self._axes = {field: _field_modes(problem, field) for field in problem.fields}
         self._eigenvalues = {
             field: [launcher.array(modes[axis].eigenvalues.astype(np.float32), "diffusion") for axis in range(3)]
@@ -83,8 +80,8 @@ class SpectralDiffusion:
         transforms.forward(field, field)
         self._launcher.launch(_damp, field.shape, *self._eigenvalues[axis], r, field)
         transforms.inverse(field)
-        if axis is None:  # the transforms' round-off must not make negative smoke
-            self._launcher.launch(_clip, field.shape, field)
+        if axis is not None and self._problem.sides[2 * axis] == "periodic":
+            copy_samples(self._launcher, [last_faces(self._problem.shape, axis)], field, field)
         return 0.0
 
 
@@ -93,7 +90,9 @@ def _field_modes(problem: DiffusionProblem, field: int | None) -> list[Modes]:
     modes = []
     for axis, n in enumerate(problem.shape):
         ends = slice(2 * axis, 2 * axis + 2)
-        if field is None:
+        if problem.sides[2 * axis] == "periodic":
+            modes.append((face_modes if field == axis else cell_modes)(n, PERIODIC, PERIODIC))
+        elif field is None:
             modes.append(cell_modes(n, *(ODD if side == "open" else EVEN for side in problem.sides[ends])))
         elif field == axis:
             modes.append(face_modes(n, *(EVEN if side == "open" else ODD for side in problem.sides[ends])))
