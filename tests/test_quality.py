@@ -2,11 +2,13 @@
 
 import json
 from dataclasses import replace
+from importlib import import_module
 
 import pytest
-from scenes import plume
+from scenes import at, plume
 
 import warp_smoke as ws
+from warp_smoke.picture.renderer import PictureRenderer
 from warp_smoke.quality import QUALITIES, choose_quality, measured_presets, preset, preset_points, samples_of
 from warp_smoke.record import FieldError
 
@@ -102,6 +104,27 @@ def test_report_holds_the_choice(tmp_path):
     assert chosen == json.loads(json.dumps(result.report["chosen"]))
     assert chosen["settings"]["/World/Smoke"]["advection"] == preset("final").advection
     assert chosen["kept"]["/World/Smoke"] == ["resolution"]
+
+
+def test_render_takes_samples_and_smoke_of_a_quality(tmp_path, monkeypatch):
+    """`render` casts a preset's rays and simulates with its settings; samples that are given go before."""
+    scene = replace(plume(resolution=64, frames=1), camera=ws.Camera(path="/World/Camera", transform=at(0, 1, 6)))
+    scene.save(tmp_path / "puff.usda")
+    seen = []
+
+    def make(launcher, scene, *size, samples, shading):
+        seen.append(samples)
+        return PictureRenderer(launcher, scene, *size, samples=1, shading=shading)
+
+    module = import_module("warp_smoke.picture.render")  # whose name the function in the package has
+    monkeypatch.setattr(module, "PictureRenderer", make)
+    monkeypatch.setattr(module, "simulate_smoke", lambda scene, *_: seen.append(scene.domains[0].resolution) or [])
+    for asked in ({}, {"quality": "final"}, {"quality": "final", "samples": 3}):
+        ws.render(tmp_path / "puff.usda", tmp_path / "a.png", frame=1, size=(8, 6), **asked)
+    final = preset("final")
+    assert seen == [2, 64, final.samples, final.resolution, 3, final.resolution]
+    with pytest.raises(FieldError, match="quality is best"):
+        ws.render(tmp_path / "puff.usda", tmp_path / "a.png", quality="best", samples=1)
 
 
 def test_unknown_quality():

@@ -267,7 +267,8 @@ def render(
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     frame: int | None = None,
     size: str = "640x360",
-    samples: int = 2,
+    quality: str | None = None,
+    samples: int | None = None,
     shading: str = "pixel",
     device: str = "cpu",
     threads: int | None = None,
@@ -284,8 +285,10 @@ def render(
         The frame; the middle one unless given.
     size
         Width and height in pixels.
+    quality
+        draft, preview or final: measured settings for the samples, and for smoke that has to be simulated.
     samples
-        Rays along each side of a pixel.
+        Rays along each side of a pixel; 2, or those of the quality, unless given.
     shading
         Light for each pixel, or for each vertex.
     device
@@ -293,7 +296,7 @@ def render(
     threads
         CPU threads; all unless given.
     """
-    options = {"samples": samples, "shading": shading, "device": device, "threads": threads}
+    options = {"quality": quality, "samples": samples, "shading": shading, "device": device, "threads": threads}
     warp_smoke.render(path, output, frame=frame, size=_size(size), **options)
     _out.print(f"Wrote {output}", soft_wrap=True, highlight=False)
 

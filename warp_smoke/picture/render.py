@@ -11,8 +11,10 @@ from warp_smoke.kernels import smoke_shadow_kernels
 from warp_smoke.launch import Launcher, load_kernels
 from warp_smoke.picture.renderer import PictureRenderer
 from warp_smoke.picture.smoke import SmokeVolume
+from warp_smoke.quality import choose_quality, samples_of
 from warp_smoke.scene import Scene
 
+DEFAULT_SAMPLES = 2
 _KERNELS = ("shading.primary_rays", "shading.radiance", "shading.surface_points", "shadow.ray_traced")
 
 
@@ -66,7 +68,8 @@ def render(
     *,
     frame: int | None = None,
     size: tuple[int, int] = (640, 360),
-    samples: int = 2,
+    quality: str | None = None,
+    samples: int | None = None,
     shading: str = "pixel",
     device: str = "cpu",
     threads: int | None = None,
@@ -80,7 +83,8 @@ def render(
         output: the `.png` file.
         frame: the frame; the middle one unless given.
         size: width and height [pixels].
-        samples: along each side of a pixel: samples² rays.
+        quality: a preset, draft, preview or final, for the samples, and for smoke that has to be simulated.
+        samples: along each side of a pixel: samples² rays; 2, or those of the quality, unless given.
         shading: light for each `pixel` or each `vertex`.
         device: `cpu`, `cuda` or `cuda:N`.
         threads: CPU threads; all unless given.
@@ -100,11 +104,14 @@ def render(
     stage, scene = open_in_own_look(path)
     if frame is None:
         frame = (scene.start + scene.end) // 2
+    usual = DEFAULT_SAMPLES if quality is None else samples_of(quality)
     launcher = Launcher(device, threads)
+    samples = usual if samples is None else samples
     renderer = PictureRenderer(launcher, scene, *size, samples=samples, shading=shading)
     volumes = [SmokeVolume(*each) for each in read_volumes(stage, scene, frame)]
     if not volumes and scene.domains:
-        volumes = simulate_smoke(scene, frame, device, threads)
+        smoky = scene if quality is None else choose_quality(scene, quality)[0]
+        volumes = simulate_smoke(smoky, frame, device, threads)
     load_kernels(render_kernels(scene, volumes), device)
     write_png(Path(output), renderer.render(frame, volumes))
     return Path(output)
