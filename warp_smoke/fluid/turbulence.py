@@ -12,9 +12,11 @@ way from node m to the next along the row.
 
 from math import sqrt
 
+import numpy as np
 import warp as wp
 
 from warp_smoke.fluid.grid import beside
+from warp_smoke.fluid.halo import join_seams
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
@@ -84,15 +86,15 @@ def _blend_across(
     rows: Rows,
     gradient: wp.array3d[wp.vec3],
     middle: wp.vec3,
-    scale: float,
+    scale: wp.vec3,
     a_out: wp.array3d[float],
     b_out: wp.array3d[float],
 ):
     """Blend: a = Σ w (g_x x + g_y y), b = Σ w g_z over the four nodes k around row (i, j), (x, y) from node to row."""
     i, j, c = wp.tid()
     i += rows.first
-    x = (float(i) + middle[0]) / scale
-    y = (float(j) + middle[1]) / scale
+    x = (float(i) + middle[0]) / scale[0]
+    y = (float(j) + middle[1]) / scale[1]
     ni = int(x)
     nj = int(y)
     x -= float(ni)
@@ -178,7 +180,14 @@ class Turbulence:
         # An eddy changes in the time in which the force moves air across it.
         self._lasts = sqrt(self._scale * lattice.h / strength)
         corners = tuple(n + 1 for n in lattice.shape)
-        nodes = tuple(int((n + 0.5) / self._scale) + 2 for n in lattice.shape)
+        # Around a periodic axis nodes are a little nearer or farther, so that a whole number fits.
+        self._rings = [
+            max(1, round(n / self._scale)) if side == "periodic" else 0
+            for n, side in zip(lattice.shape, lattice.sides[0::2], strict=True)
+        ]
+        scales = [n / m if m else self._scale for n, m in zip(lattice.shape, self._rings, strict=True)]
+        self._place, self._scales = (lattice.shape, lattice.sides), wp.vec3(*scales)
+        nodes = tuple(int((n + 0.5) / scale) + 2 for n, scale in zip(lattice.shape, scales, strict=True))
         self._potential = tuple(launcher.zeros(corners, "turbulence") for _ in range(3))
         self._ramps = [launcher.zeros((*corners[:2], nodes[2]), "turbulence") for _ in range(2)]
         self._gradient = launcher.zeros(nodes, "turbulence", wp.vec3)
@@ -190,6 +199,10 @@ class Turbulence:
         first, second = (self._launcher.zeros(nodes, "turbulence", wp.vec3) for _ in range(2))
         spin = self._launcher.zeros(nodes, "turbulence")
         self._launcher.launch(_draw_gradients, nodes, seed, first, second, spin)
+        if any(self._rings):
+            again = np.ix_(*(np.arange(n) % (m or n) for n, m in zip(nodes, self._rings, strict=True)))
+            for drawn in (first, second, spin):
+                drawn.assign(drawn.numpy()[again])
         return first, second, spin
 
     def add(self, velocity: tuple, time: float, dt: float) -> None:
@@ -204,10 +217,11 @@ class Turbulence:
         for axis, (drawn, potential) in enumerate(zip(self._drawn, self._potential, strict=True)):
             middle = wp.vec3(*(0.5 * (a == axis) for a in range(3)))
             launch(_turn_gradients, gradient.shape, *drawn, time / self._lasts, gradient)
-            launch(_blend_across, ramps[0].shape, gradient, middle, self._scale, *ramps)
-            launch(_fill_potential, potential.shape, *ramps, middle[2], self._scale, potential)
+            launch(_blend_across, ramps[0].shape, gradient, middle, self._scales, *ramps)
+            launch(_fill_potential, potential.shape, *ramps, middle[2], self._scales[2], potential)
         strength = self._strength * dt * self._scale / _MEAN_CURL
         for axis, component in enumerate(velocity):
             b, c = (axis + 1) % 3, (axis + 2) % 3
             args = (self._axes[b], self._axes[c], self._potential[b], self._potential[c], strength, component)
             launch(_stir, component.shape, *args)
+        join_seams(self._launcher, *self._place, velocity)
