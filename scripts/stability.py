@@ -65,7 +65,8 @@ ELSEWHERE = {
 HEAD = """# Hard cases
 
 What must hold where simulations and shadows usually break, each line a test, and the worst figure over all variants.
-Written by `scripts/stability.py` from the run of these tests; a figure of 0 is exact.
+Written by `scripts/stability.py` from the run of these tests; a figure of 0 is exact. Long runs, checkpoints and full
+disks have [a page of their own](long_runs.md).
 """
 
 
@@ -91,7 +92,8 @@ class Recorder:
         for item in items:
             name = item.nodeid.partition("[")[0]
             self.lines.setdefault(name, Line(item.function.__doc__.strip().splitlines()[0]))
-            self.titles[item.path.stem] = item.module.__doc__.strip().splitlines()[0]
+            if item.path.parent.name == "stability":
+                self.titles[item.path.stem] = item.module.__doc__.strip().splitlines()[0]
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Takes a variant's result and figures."""
@@ -132,7 +134,8 @@ def main(options: Iterable[str]) -> int:
     elsewhere = [str(ROOT / "tests" / each) for tests in ELSEWHERE.values() for each in tests]
     args = [str(ROOT / "tests/stability"), *dict.fromkeys(elsewhere), "-m", "slow or not slow", *options]
     status = pytest.main(["--rootdir", str(ROOT), *args], plugins=[recorder])
-    PAGE.write_text(page(recorder.lines, recorder.titles), encoding="utf-8")
+    if status in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
+        PAGE.write_text(page(recorder.lines, recorder.titles), encoding="utf-8")
     return int(status)
 
 

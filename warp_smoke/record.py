@@ -182,6 +182,16 @@ def tokens(path: str, field: str, value: object, allowed: tuple[str, ...]) -> tu
     return tuple(one_of(path, field, token, allowed) for token in value)
 
 
+def paths(path: str, field: str, value: object) -> tuple[str, ...]:
+    """Any number of prim paths."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise FieldError(path, field, value, "a list of prim paths")
+    found = tuple(value)
+    if not all(isinstance(each, str) for each in found):
+        raise FieldError(path, field, found, "a list of prim paths")
+    return found
+
+
 def flag(path: str, field: str, value: object) -> bool:
     """True or false, which may not change in time."""
     if not isinstance(value, bool | np.bool_):

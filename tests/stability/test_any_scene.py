@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from arbitrary import ALLOWED, RECORDS, scenes
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import warp_smoke as ws
@@ -14,7 +14,14 @@ from warp_smoke.fluid import solver
 from warp_smoke.record import FieldError
 from warp_smoke.simulation import Simulation
 
-quick = settings(deadline=None, suppress_health_check=list(HealthCheck), max_examples=150)
+# Always the same examples; what fails is shrunk but not explained, which takes longer than all of them.
+quick = settings(
+    deadline=None,
+    derandomize=True,
+    max_examples=100,
+    phases=[Phase.explicit, Phase.generate, Phase.shrink],
+    suppress_health_check=list(HealthCheck),
+)
 long = settings(quick, max_examples=2000)
 
 
@@ -58,7 +65,7 @@ def simulate(scene: ws.Scene) -> None:
 @given(scenes())
 @quick
 def test_any_allowed_scene_is_finite(scene):
-    """150 scenes with numbers from 1e-9 to 1e6 anywhere, 10 to 1e8 units away too: finite, no negative smoke."""
+    """100 scenes with numbers from 1e-9 to 1e6 anywhere, 10 to 1e8 units away too: finite, no negative smoke."""
     simulate(scene)
 
 

@@ -1,6 +1,7 @@
 """Lights where they hardly ever are: on a vertex, in a surface, inside a mesh or the smoke, overhead, grazing."""
 
 from dataclasses import replace
+from itertools import zip_longest
 
 import numpy as np
 import pytest
@@ -36,42 +37,45 @@ DIRECTIONS = {
 
 
 def lit_by(*lights: ws.Light) -> ws.Scene:
-    """The scene under other lights, without dependence on where they are: one frame, then one more."""
+    """The scene under other lights, for two frames."""
     return replace(small_plume(12), lights=lights, end=2)
 
 
-@pytest.mark.parametrize("method", SHADOW_FILTERS)
 @pytest.mark.parametrize("place", POSITIONS)
-def test_point_lights(place, method):
-    """Every kind of surface shadow, with a point light anywhere, of no size or of some: finite pictures."""
-    fields = {"transform": at(*POSITIONS[place]), "shadow_filter": method, "shadow_map_size": 32, "intensity": 10.0}
-    lights = [ws.PointLight(path=f"/World/Lamp{n}", radius=radius, **fields) for n, radius in enumerate((0.0, 0.3))]
-    spot = ws.SpotLight(path="/World/Spot", cone_angle=30.0, **fields)
-    check_finite(simulate(lit_by(*lights, spot))[1])
+def test_point_lights(place):
+    """Point lights of no size and of some, and a spot light, in one place, with every kind of shadow: finite."""
+    lights = []
+    for method in SHADOW_FILTERS:
+        fields = {"transform": at(*POSITIONS[place]), "shadow_filter": method, "shadow_map_size": 32}
+        lights += [ws.PointLight(path=f"/World/Point_{method}", radius=0.0, **fields)]
+        lights += [ws.PointLight(path=f"/World/Ball_{method}", radius=0.3, **fields)]
+        lights += [ws.SpotLight(path=f"/World/Spot_{method}", cone_angle=30.0, **fields)]
+    check_finite(simulate(lit_by(*lights))[1])
 
 
-@pytest.mark.parametrize("method", SMOKE_SHADOWS)
 @pytest.mark.parametrize("place", POSITIONS)
-def test_smoke_shadows_of_point_lights(place, method):
-    """Every kind of smoke shadow, with a point light anywhere, inside the smoke too: finite pictures."""
-    lamp = ws.PointLight(path="/World/Lamp", transform=at(*POSITIONS[place]), smoke_shadow=method, shadow_map_size=32)
-    check_finite(simulate(lit_by(lamp))[1])
+def test_smoke_shadows_of_point_lights(place):
+    """Point lights in one place, inside the smoke too, with every kind of smoke shadow: finite."""
+    matrix = at(*POSITIONS[place])
+    lights = [
+        ws.PointLight(path=f"/World/{method}", transform=matrix, smoke_shadow=method, shadow_map_size=32)
+        for method in SMOKE_SHADOWS
+    ]
+    check_finite(simulate(lit_by(*lights))[1])
 
 
 @pytest.mark.parametrize("direction", DIRECTIONS)
-@pytest.mark.parametrize(
-    ("surface", "smoke"),
-    [(method, "march") for method in SHADOW_FILTERS] + [("hard", method) for method in SMOKE_SHADOWS],
-)
-def test_distant_lights(direction, surface, smoke):
-    """Every kind of shadow, from straight down to along the floor and from below: finite; from below, black."""
-    fields = {"shadow_filter": surface, "smoke_shadow": smoke, "shadow_map_size": 32}
-    sun = ws.DistantLight(path="/World/Sun", transform=shining(DIRECTIONS[direction]), **fields)
-    _, frames = simulate(lit_by(sun))
+def test_distant_lights(direction):
+    """Distant lights with every kind of shadow, from straight down to along the floor: finite; from below, black."""
+    matrix, lights = shining(DIRECTIONS[direction]), []
+    for surface, smoke in zip_longest(SHADOW_FILTERS, SMOKE_SHADOWS, fillvalue="hard"):
+        fields = {"shadow_filter": surface, "smoke_shadow": smoke, "shadow_map_size": 32}
+        lights.append(ws.DistantLight(path=f"/World/{surface}_{smoke}", transform=matrix, **fields))
+    _, frames = simulate(lit_by(*lights))
     check_finite(frames)
     brightest = frames[0].pictures["/World/Floor", "lit"].max()
     if DIRECTIONS[direction][1] < -0.1:
-        assert brightest > 20
+        assert brightest > 100
     elif DIRECTIONS[direction][1] >= 0.0:
         assert brightest == 0
 

@@ -26,7 +26,13 @@ SCHEMES = list(zip_longest(ADVECTION_SCHEMES, PRESSURE_SOLVERS, fillvalue="macco
 
 
 @pytest.mark.parametrize(("advection", "pressure"), SCHEMES)
-@pytest.mark.parametrize(("shape", "boundary"), [(shape, CLOSED if n % 2 else None) for n, shape in enumerate(SHAPES)])
+@pytest.mark.parametrize(
+    ("shape", "boundary"),
+    [
+        pytest.param(shape, CLOSED if n % 2 else None, id=shape, marks=[pytest.mark.slow] * (shape == "1 : 1000"))
+        for n, shape in enumerate(SHAPES)
+    ],
+)
 def test_shapes(shape, boundary, advection, pressure, record_property):
     """Every scheme in every shape, lit and baked too: the cells that were asked for, all of it finite and in range."""
     size, resolution = SHAPES[shape]

@@ -4,7 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_smoke.record import VAST, FieldError, Samples, at_least, each_value, flag, one_of, positive, switch, whole
+from warp_smoke.record import (
+    VAST,
+    FieldError,
+    Samples,
+    at_least,
+    each_value,
+    flag,
+    one_of,
+    paths,
+    positive,
+    switch,
+    whole,
+)
 from warp_smoke.scene.prim import Prim
 from warp_smoke.scene.smoke import MAX_RESOLUTION
 
@@ -81,7 +93,7 @@ class Light(Prim):
         self._check(flag, "normalize", "shadow_enable", "shadow_cull_front")
         for name in ("illuminates", "shadowed_by"):
             if getattr(self, name) is not None:
-                self._store(name, tuple(getattr(self, name)))
+                self._check(paths, name)
         self._check(whole, "shadow_map_size", low=1, high=16384)
         self._check(one_of, "shadow_filter", allowed=SHADOW_FILTERS)
         self._check(one_of, "smoke_shadow", allowed=SMOKE_SHADOWS)

@@ -36,6 +36,7 @@ class Receiver(Record):
         self._store("bake", tuple(dict.fromkeys(tokens(self.path, "bake", self.bake, BAKES))))
         for name in ("receive_smoke", "receive_shadow"):
             self._store(name, flag(self.path, name, getattr(self, name)))
+        self._store("texture_bits", whole(self.path, "texture_bits", self.texture_bits, 8, 16))
         if self.texture_bits not in (8, 16):
             raise FieldError(self.path, "texture_bits", self.texture_bits, "8, 16")
         self._store("texture_size", whole(self.path, "texture_size", self.texture_size, 1, 16384))
