@@ -126,6 +126,7 @@ ALLOWED = {
         "viscosity": amounts,
         "wind": vectors,
         "density_diffusion": amounts,
+        "temperature_diffusion": amounts,
         "density_dissipation": amounts,
         "temperature_cooling": amounts,
         "extinction": amounts,
@@ -153,7 +154,12 @@ ALLOWED = {
         "noise_scale": st.none() | powers(-9, 6),
         "enabled": _over_time(switches),
     },
-    ws.Collider: {"transform": placements, "mesh": meshes, "thickness": st.just(0.0) | powers(-3, 2)},
+    ws.Collider: {
+        "transform": placements,
+        "mesh": meshes,
+        "thickness": st.just(0.0) | powers(-3, 2),
+        "friction": shares,
+    },
     ws.Receiver: {
         "bake": st.lists(st.sampled_from(BAKES), max_size=5),
         "texture_size": st.integers(1, 9),
