@@ -162,6 +162,13 @@ def test_without_smoke_shadows_are_chosen(launcher, tmp_path):
     assert choose(scene, folder=folder, max_error=0.01)[0].lights[0].shadow_filter == "area"
 
 
+def test_rays_that_errors_are_measured_from_say_so(launcher, tmp_path):
+    """Rays to all of the light have no error by definition, which is not a measurement."""
+    folder = stored(launcher, shadows_alone(), tmp_path / "study", lambda case: (0.1 * (case.method != "area"), 1.0))
+    _, chosen = choose(shadows_alone(), folder=folder, max_error=0.01)
+    assert "area at 512: 1 ms a frame, itself what errors are measured from" in str(chosen)
+
+
 def test_measures_what_is_not_stored(launcher, tmp_path):
     """Without results the settings are measured, stored, and not measured again; errors are those of the study."""
     scene, folder, rows = shadows_alone(), tmp_path / "study", []

@@ -144,7 +144,8 @@ def _explain(front: Sequence[Row], problem: str, chosen: Row, count: int, source
     error, words = _ERRORS[problem]
 
     def gives(row: Row) -> str:
-        return f"{duration(row.median)} a frame, {words} {percent(row.errors[error])}"
+        off = f"{words} {percent(row.errors[error])}" if row.errors[error] else "itself what errors are measured from"
+        return f"{duration(row.median)} a frame, {off}"
 
     place = front.index(chosen)
     beside = [(front[place - 1], "Faster")] if place > 0 else []
