@@ -205,7 +205,7 @@ class Simulation:
         """
         for path, solver in self._solvers.items():
             mine = {name.removeprefix(f"{path} "): each for name, each in saved.items() if name.startswith(f"{path} ")}
-            solver.load(mine, self.plan.scene.start)
+            solver.load(mine, self.plan.scene.start, frame)
         densities = {path: solver.state.density for path, solver in self._solvers.items()}
         self._lighting.follow(range(self.plan.scene.start, frame + 1), densities)
         self.frame = frame

@@ -100,7 +100,7 @@ class SmokeSolver:
         self._launcher, self._timings, self._passes = launcher, timings, frozenset(plan.passes)
         self._domain, self._lattice = plan.domain, plan.lattice
         self.on_substep: Callable[[SmokeSolver, float, float], None] | None = None
-        self._last_step = (0.0, 0.0, 0.0)  # time codes and seconds
+        self._time = 0.0  # time code that is worked towards
         shape, sides = plan.lattice.shape, plan.lattice.sides
         self._sources = [
             (ArraySource if isinstance(each, ArrayEmitter) else Source)(launcher, plan.lattice, each)
@@ -151,7 +151,7 @@ class SmokeSolver:
         Args:
             time: time code.
         """
-        self._last_step = (time, time, 0.0)
+        self._time = time
         self._place_colliders(time, time, 0.0)
         if self._wind:
             with self._timings.measure("blow_wind"):
@@ -174,7 +174,7 @@ class SmokeSolver:
         Raises:
             NotFiniteError: a field is not finite.
         """
-        self._last_step = (start, end, seconds)
+        self._time = end
         self._check_scalars(f"frame {start:g}")
         if not self._flows:
             return self.step(start, end, seconds)
@@ -202,19 +202,19 @@ class SmokeSolver:
         fields = {f"velocity {axis}": each for axis, each in zip("xyz", state.velocity or (), strict=False)}
         fields |= {"density": state.density, "temperature": state.temperature, "pressure": state.pressure}
         saved = {name: field.numpy().copy() for name, field in fields.items() if field is not None}
-        return saved | {"energy_lost": np.array(state.energy_lost), "last_step": np.array(self._last_step)}
+        return saved | {"energy_lost": np.array(state.energy_lost)}
 
-    def load(self, saved: Mapping[str, np.ndarray], first: float) -> None:
+    def load(self, saved: Mapping[str, np.ndarray], first: float, time: float) -> None:
         """Goes on from what `save` gave; steps are then the same to the bit as if nothing had been in between.
 
         Args:
             saved: by a solver of the same plan.
             first: time code of the first frame. Meshes are placed there before: which triangle a query finds among
                 several at one distance follows from the shape that the hierarchy was given at first.
+            time: time code at which it was saved.
         """
-        start, end, seconds = self._last_step = tuple(saved["last_step"].tolist())
-        for interval in ((first, first, 0.0), (start, start, 0.0), (start, end, seconds)):
-            self._place_colliders(*interval)
+        for placed in (first, time):
+            self._place_colliders(placed, placed, 0.0)
         for source in self._sources:
             source.place(Interval(first, first, 0.0))
         state = self.state
@@ -238,7 +238,7 @@ class SmokeSolver:
             NotFiniteError: a field is not finite.
         """
         report = StepReport()
-        self._last_step = (start, end, dt)
+        self._time = end
         self._place_colliders(start, end, dt)
         self._emit(start, end, dt)
         confinement = self._confine_vorticity(dt)  # before buoyancy moves faces of solids: its cap counts them
@@ -309,7 +309,7 @@ class SmokeSolver:
     @property
     def _frame(self) -> int:
         """The frame that is made."""
-        return ceil(self._last_step[1] - _ROUND_OFF)
+        return ceil(self._time - _ROUND_OFF)
 
     def _place_colliders(self, start: float, end: float, dt: float) -> None:
         if self.solids:
