@@ -20,7 +20,7 @@ from warp_smoke.study.front import pareto_front
 from warp_smoke.study.scene import EFFECTS, SceneStudy
 from warp_smoke.study.store import RESULTS
 from warp_smoke.study.suites import SUITES, load_suite
-from warp_smoke.study.summary import effect_costs, never_worth, pass_times
+from warp_smoke.study.summary import effect_costs, never_worth, order_lines, pass_times
 from warp_smoke.study.words import by_problem, duration, percent
 
 ROOT = Path(__file__).parents[1]
@@ -28,9 +28,9 @@ DOCS, OUT = ROOT / "docs", ROOT / "out/accuracy"
 STAGES = ("plume", "room")
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """A Markdown table whose columns after the first are set flush right."""
-    lines = [f"| {' | '.join(head)} |", f"|---|{'---:|' * (len(head) - 1)}"]
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> list[str]:
+    """A Markdown table whose columns are set flush right but for the first, which hold words."""
+    lines = [f"| {' | '.join(head)} |", f"|{'---|' * words}{'---:|' * (len(head) - words)}"]
     return [*lines, *(f"| {' | '.join(row)} |" for row in rows), ""]
 
 
@@ -40,9 +40,11 @@ def fronts(suite: Suite, rows: Sequence[Row]) -> list[str]:
     for problem, found in by_problem(rows).items():
         error, _ = panel_error(suite, problem)
         for row in reversed(pareto_front(found, error)):
-            chosen = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in row.labels.items())
+            chosen = ", ".join(
+                f"{name.replace('_', ' ')} {row.labels[name]}" for name in ("resolution", *row.parameters)
+            )
             lines.append((problem, f"`{row.method}`", chosen, percent(row.errors[error]), duration(row.median)))
-    return table(("problem", "take", "with", "error", "time"), lines)
+    return table(("problem", "take", "with", "error", "time"), lines, words=3)
 
 
 def section(suite: Suite, rows: Sequence[Row], diagram: str) -> list[str]:
@@ -50,8 +52,8 @@ def section(suite: Suite, rows: Sequence[Row], diagram: str) -> list[str]:
     valid = [row for row in rows if row.failure is None]
     drawn = [row for row in valid if row.problem not in getattr(suite, "TABLES", ())]
     lines = [f"## {suite.TITLE}", "", suite.explain(valid), "", f"![Error against time](accuracy/{diagram}.png)", ""]
-    orders = [f"{problem}, `{method}`: {slope:.2f}" for (problem, method), slope in suite.order(valid).items()]
-    lines += [f"Fitted orders: {'; '.join(orders)}.", ""] if orders else []
+    orders = [f"- {line}" for line in order_lines(suite, valid)]
+    lines += ["Fitted orders:", "", *orders, ""] if orders else []
     wrong = [f"- Not as expected: {line}" for line in suite.unexpected(valid)]
     wrong += [f"- Failed: {row.problem}, `{row.method}`: {row.failure}" for row in rows if row.failure is not None]
     lines += [*wrong, ""] if wrong else []
@@ -68,7 +70,7 @@ def stage_tables(result: Study) -> list[str]:
     lines = []
     for cost in effect_costs(rows):
         changes = [percent(cost.changes[name]) if name in cost.changes else "" for name in names]
-        lines.append((cost.effect, duration(cost.seconds), f"{100 * cost.share:.0f} %", *changes))
+        lines.append((cost.effect, duration(cost.seconds), percent(cost.share), *changes))
     head = ("effect", "costs a frame", "share", *(f"changes {name}" for name in names))
     passes = ((f"`{name}`", duration(seconds)) for name, seconds in pass_times(rows[0]))
     return [

@@ -8,6 +8,7 @@ from study_rows import make_row
 
 from warp_smoke.study.case import Case, Measured, fit_orders, time_repeats, time_steps
 from warp_smoke.study.measure import measure_case
+from warp_smoke.study.words import best_at, duration, percent
 
 
 def _case(measure, **fields):
@@ -71,3 +72,39 @@ def test_failures_are_rows(launcher):
     measured = Measured({"l2": np.nan, "linf": 1.0}, (1.0,) * 5, None)
     row = measure_case(launcher, _case(lambda launcher, repeats: measured), 16.0)
     assert (row.failure, row.errors) == ("l2 is nan", {"linf": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [
+        (0.5, "50 %"),
+        (0.998, "100 %"),
+        (0.0994, "9.9 %"),
+        (1.234, "123 %"),
+        (-0.1, "−10 %"),
+        (3.21e-5, "0.0032 %"),
+        (0.0, "0 %"),
+        (2e-8, "2.0e-08"),
+    ],
+)
+def test_shares_in_words(share, text):
+    """Two digits, in percent unless that is tiny."""
+    assert percent(share) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(12.34, "12.3 s"), (0.0021, "2.1 ms"), (-4e-6, "−4 µs"), (7e-10, "0.7 ns"), (0.0, "0 ns")]
+)
+def test_times_in_words(seconds, text):
+    """Three digits with the unit that suits."""
+    assert duration(seconds) == text
+
+
+def test_best_at_interpolates_on_logarithmic_axes():
+    """Of 1/n in n s and 1/n² in 4 n s, the second is the first at the smaller error, in a time between its points."""
+    rows = [make_row(method="one", key=f"a{n}", median=float(n), errors={"l2": 1 / n}) for n in (1, 4, 16)]
+    rows += [make_row(method="two", key=f"b{n}", median=4.0 * n, errors={"l2": n**-2.0}) for n in (1, 16)]
+    target, fastest, times = best_at(rows, "l2")
+    assert target == pytest.approx((1 / 16 + 1 / 256) / 2)  # the median of two least errors is their mean
+    assert times == pytest.approx({"two": 4 * target**-0.5})
+    assert fastest == "two"

@@ -54,7 +54,7 @@ def test_effects_cost_what_they_save():
     whole = make_row(problem="effects", method="everything", median=0.010, errors={"l2": 0.0}, passes={"bake": 0.002})
     without = make_row(problem="effects", method="wind", median=0.006, errors={"l2": 0.25})
     suite = FakeSuite({})
-    suite.TABLES = ("effects",)
+    suite.TABLES = {"effects": "all of it"}
     page = results_page({}, {"fake": suite}, {"fake": [whole, without]}, "")
     assert re.search(r'<td>wind</td><td class="n">4 ms</td><td class="n">40 %</td>.*?<td class="n">25 %</td>', page)
     assert re.search(r'<td>bake</td><td class="n">2 ms</td>', page)

@@ -119,7 +119,7 @@ class Suite(Protocol):
 
     A suite whose panels show different errors names them in `PANEL_ERRORS: Mapping[str, tuple[str, str]]`: error and
     label by problem. One whose times are not of a whole run has their label in `TIME_MEANS: str`. Problems in
-    `TABLES: tuple[str, ...]` have a table instead of a panel.
+    `TABLES: Mapping[str, str]` have tables instead of a panel; their first row is what the words beside say.
     """
 
     TITLE: str

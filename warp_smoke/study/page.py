@@ -8,7 +8,7 @@ from string import Template
 from warp_smoke.study.case import Row, Suite, panel_error
 from warp_smoke.study.front import pareto_front
 from warp_smoke.study.plot import DARK, LIGHT, draw_diagram, picture
-from warp_smoke.study.summary import effect_costs, never_worth, pass_times
+from warp_smoke.study.summary import effect_costs, never_worth, order_lines, pass_times
 from warp_smoke.study.words import duration, percent
 
 # A letter of a diagram is then about as large as one of the tables.
@@ -102,7 +102,7 @@ def results_page(
 
 
 def _section(name: str, suite: Suite, rows: Sequence[Row]) -> str:
-    tables = getattr(suite, "TABLES", ())
+    tables = getattr(suite, "TABLES", {})
     drawn = [row for row in rows if row.problem not in tables]
     parts = [f'<h2 id="{name}">{escape(suite.TITLE)}</h2>']
     parts.append(f"<p>{escape(suite.explain([row for row in rows if row.failure is None]))}</p>")
@@ -112,12 +112,12 @@ def _section(name: str, suite: Suite, rows: Sequence[Row]) -> str:
     if drawn:
         parts.append(_diagram(suite, drawn))
         parts.append(_settings(suite, drawn))
-    for problem in tables:
+    for problem, first in tables.items():
         found = [row for row in rows if row.problem == problem]
         if len(found) > 1 and found[0].failure is None:
             parts.append(_effects(found))
         if found and found[0].passes:
-            parts.append(_passes(found[0]))
+            parts.append(_passes(found[0], first))
     return "\n".join(parts)
 
 
@@ -127,11 +127,8 @@ def _verdict(suite: Suite, rows: Sequence[Row]) -> list[str]:
     lines += [escape(f"failed: {_name(row)}: {row.failure}") for row in rows if row.failure is not None]
     if lines:
         return ["<ul>" + "".join(f'<li class="bad">{line}</li>' for line in lines) + "</ul>"]
-    orders: dict[str, list[str]] = {}
-    for (problem, method), slope in suite.order(rows).items():
-        orders.setdefault(problem, []).append(f"{method} {slope:.2f}")
-    lines = [f"{escape(problem)}: {' · '.join(map(escape, found))}" for problem, found in orders.items()]
-    return [f'<p class="soft">As known answers ask. Fitted orders:<br>{"<br>".join(lines)}</p>'] if orders else []
+    orders = "<br>".join(map(escape, order_lines(suite, rows)))
+    return [f'<p class="soft">As known answers ask. Fitted orders:<br>{orders}</p>'] if orders else []
 
 
 def _name(row: Row) -> str:
@@ -197,7 +194,7 @@ def _effects(rows: Sequence[Row]) -> str:
         )
         lines.append(
             f'<tr><td>{escape(cost.effect)}</td><td class="n">{duration(cost.seconds)}</td>'
-            f'<td class="n">{100 * cost.share:.0f} %</td><td>{bar}</td>{changes}</tr>'
+            f'<td class="n">{percent(cost.share)}</td><td>{bar}</td>{changes}</tr>'
         )
     return (
         "<h3>What each effect costs</h3><p>Each effect was switched off by itself: its cost is what a frame then takes "
@@ -208,7 +205,7 @@ def _effects(rows: Sequence[Row]) -> str:
     )
 
 
-def _passes(row: Row) -> str:
+def _passes(row: Row, what: str) -> str:
     """Where the time of a frame goes."""
     times = pass_times(row)
     longest = max(seconds for _, seconds in times)
@@ -218,6 +215,6 @@ def _passes(row: Row) -> str:
         for name, seconds in times
     )
     return (
-        f"<h3>Time of a frame by pass: {escape(row.problem)}, {escape(row.method)}</h3>"
+        f"<h3>Time of a frame by pass: {escape(what)}</h3>"
         f'<div class="scroll"><table><tr><th>pass</th><th class="n">time</th><th></th></tr>{lines}</table></div>'
     )

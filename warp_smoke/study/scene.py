@@ -56,7 +56,7 @@ class SceneStudy:
         name: ("shadows", "rms error of the baked pictures") for name in (SURFACE_SHADOWS, SMOKE_SHADOWS)
     }
     TIME_MEANS = "time of a frame"
-    TABLES = (FINEST, EFFECTS)
+    TABLES: Mapping[str, str] = {FINEST: "the finest run", EFFECTS: "the stage as it is"}
 
     def __init__(self, scene: Scene):
         """Plans the stage.
@@ -65,7 +65,7 @@ class SceneStudy:
             ValueError: there is neither smoke nor a shadow in it.
         """
         name = scene.source.name if scene.source else "scene"
-        self.TITLE = f"Your stage: {name}"
+        self.TITLE = f"The stage {name}"
         self._scene, self._plan = scene, make_plan(scene)
         lights = [light for each in self._plan.receivers for light in each.lights]
         self._shadowed = any(light.surface_shadow for light in lights)
@@ -192,8 +192,11 @@ class SceneStudy:
 
 
 def recommended(rows: Sequence[Row], error: str) -> Row:
-    """The fastest row whose error cannot be seen in a picture, or is not much larger than the least."""
-    front = pareto_front(rows, error)
+    """The fastest row whose error cannot be seen in a picture, or is not much larger than the least.
+
+    What all others are compared with has no error, and is no choice unless it is the only one.
+    """
+    front = pareto_front([row for row in rows if row.errors[error] > 0] or rows, error)
     enough = max(_UNSEEN, _GOOD_ENOUGH * front[-1].errors[error])
     return next(row for row in front if row.errors[error] <= enough)
 

@@ -53,3 +53,11 @@ def never_worth(suite: Suite, rows: Sequence[Row]) -> list[str]:
     return [
         method for method in dict.fromkeys(row.method for row in rows if row.failure is None) if method not in worth
     ]
+
+
+def order_lines(suite: Suite, rows: Sequence[Row]) -> list[str]:
+    """The fitted orders, a line for each problem."""
+    lines: dict[str, list[str]] = {}
+    for (problem, method), slope in suite.order([row for row in rows if row.failure is None]).items():
+        lines.setdefault(problem, []).append(f"{method} {slope:.2f}")
+    return [f"{problem}: {' · '.join(found)}" for problem, found in lines.items()]

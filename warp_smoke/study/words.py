@@ -53,10 +53,11 @@ def _descending(points: Sequence[Row], error: str) -> list[tuple[float, float]]:
 
 
 def percent(share: float) -> str:
-    """A share in two digits, in percent where that reads well."""
-    if share == 0 or share >= 1e-4:
-        return f"{100 * share:.0f} %" if share >= 1 else f"{100 * share:.2g} %"
-    return f"{share:.1e}"
+    """A share in two digits, in percent where that reads well, with its sign."""
+    size, sign = abs(share), "−" if share < 0 else ""
+    if 0 < size < 1e-6:
+        return f"{sign}{size:.1e}"
+    return f"{sign}{100 * size:.0f} %" if size >= 0.0995 else f"{sign}{100 * size:.2g} %"
 
 
 def duration(seconds: float) -> str:
