@@ -50,6 +50,29 @@ def test_bad_fields_are_named(make, field, bad):
         assert "\n" not in message
 
 
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: ws.SmokeDomain(path="/It", viscosity=2e9), "viscosity is 2000000000.0; allowed: −1e+09 to 1e+09"),
+        (lambda: ws.SmokeDomain(path="/It", time_scale=1e-12), "time_scale is 1e-12; allowed: ≥ 1e-09"),
+        (
+            lambda: ws.SmokeDomain(path="/It", lower=(0, 0, 0), upper=(1, 1, 1e-12)),
+            "a box with sides of at least 1e-09",
+        ),
+        (lambda: ws.PointLight(path="/It", intensity=1e39), "intensity is 1e+39; allowed: −1e+38 to 1e+38"),
+        (
+            lambda: ws.Surface(path="/It", mesh=ws.Mesh.box(1e6), transform=np.diag([1e6, 1.0, 1.0, 1.0])),
+            "transform is one that takes points to 5e+11; allowed: world coordinates from −1e+09 to 1e+09",
+        ),
+    ],
+)
+def test_sizes_that_single_precision_cannot_work_with(make, said):
+    """Numbers, boxes and places so large or small that their products would overflow are refused in one line."""
+    with pytest.raises(FieldError) as caught:
+        make()
+    assert said in str(caught.value)
+
+
 def test_paths():
     """Paths are absolute and unique."""
     with pytest.raises(FieldError, match="absolute prim path"):

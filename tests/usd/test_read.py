@@ -423,6 +423,26 @@ def test_prototypes_of_a_point_instancer_are_not_read(tmp_path):
             "allowed: 4 × 4 finite numbers",
         ),
         ('def Camera "C" { float focalLength = 0 }', "/World/C: focalLength is 0.0; allowed: > 0"),
+        (
+            DOMAIN % 'string smoke:grids = "density"',
+            "/World/Box: smoke:grids is density; allowed: a list of density, temperature, velocity, light",
+        ),
+        (
+            'def SphereLight "L" { float inputs:exposure = 1e30 }',
+            "/World/L: inputs:exposure is 1e+30; allowed: −100 to 100",
+        ),
+        (
+            'def SphereLight "L" { bool inputs:enableColorTemperature = 1\nfloat inputs:colorTemperature = -5 }',
+            "/World/L: inputs:colorTemperature is -5.0; allowed: > 0",
+        ),
+        (
+            'def Mesh "M" { float[] points = [1, 2, 3] }',
+            "/World/M: points is [1, 2, 3]; allowed: an array of numbers, 3 each",
+        ),
+        (
+            'def Mesh "M" { point3f[] points = [(0, 0, 0)]\nfloat[] faceVertexIndices = [0.5] }',
+            "/World/M: faceVertexIndices is [0.5]; allowed: an array of whole numbers",
+        ),
     ],
 )
 def test_bad_values_are_named_in_one_line(tmp_path, prims, line):
@@ -467,7 +487,7 @@ def test_missing_file():
 
 def test_folder_instead_of_a_file(tmp_path):
     """A folder is no stage."""
-    with pytest.raises(ValueError, match="no such file"):
+    with pytest.raises(ValueError, match="is a folder; allowed: the file of a stage"):
         Scene.open(tmp_path)
 
 
