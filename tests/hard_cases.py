@@ -4,6 +4,7 @@ Tests pass figures to pytest's `record_property`; `scripts/stability.py` writes 
 docs/stability.md.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +45,18 @@ def simulate(scene: ws.Scene, **options) -> tuple[Simulation, list[ws.Frame]]:
     """All frames of a scene."""
     simulation = Simulation(scene, **options)
     return simulation, [simulation.step() for _ in scene.frames]
+
+
+def refusal(call: Callable[[], object], *kinds: type[Exception]) -> str | None:
+    """The one line of a ValueError (or another kind) that a call raises; None if it raises none."""
+    try:
+        call()
+    except (ValueError, *kinds) as error:
+        line = str(error)
+    else:
+        return None
+    assert "\n" not in line
+    return line
 
 
 def smoke_of(frame: ws.Frame) -> ws.Smoke:
