@@ -3,16 +3,18 @@
 import numpy as np
 import pyvista as pv
 
-from warp_smoke.geometry import Mesh
+from warp_smoke.geometry import Mesh, Points, normalized
 from warp_smoke.preview.color import linear_to_srgb
-from warp_smoke.scene import DistantLight, Emitter, Light, SmokeDomain
+from warp_smoke.scene import DistantLight, Emitter, Light, SmokeDomain, SpotLight
 from warp_smoke.shading.light_source import light_source
 
 DOMAIN_COLOR, EMITTER_COLOR = "#9fc3e0", "#f0a94e"
+# Faces of an octahedron with the corners +X, +Y, +Z, -X, -Y, -Z.
+OCTAHEDRON = np.array([(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)])
 
 
 def mark_light(light: Light, center: np.ndarray, radius: float, time: float) -> pv.Actor | None:
-    """A small sphere where a light stands, or for a distant one an arrow upon what is looked at; None for one off.
+    """A small sphere where a light stands, a spot light's with its cone, or a distant one's arrow; None for one off.
 
     Args:
         light: the light.
@@ -28,6 +30,8 @@ def mark_light(light: Light, center: np.ndarray, radius: float, time: float) -> 
         shape = pv.Arrow(start=center - 1.4 * radius * direction, direction=direction, scale=0.3 * radius)
     else:
         shape = pv.Sphere(radius=0.02 * radius, center=light.position_at(time))
+        if isinstance(light, SpotLight):
+            shape = shape.append_polydata(_rays(light, 0.3 * radius, time))
     actor = pv.Actor(mapper=pv.DataSetMapper(shape))
     actor.prop.lighting = False
     actor.prop.color = linear_to_srgb(strength / strength.max()).tolist()
@@ -42,14 +46,28 @@ def mark_domain(domain: SmokeDomain, time: float) -> pv.Actor:
 
 
 def mark_emitter(emitter: Emitter, time: float) -> pv.Actor:
-    """The triangles' edges of an emitter."""
+    """The edges of an emitter's triangles, or of an octahedron in each of its small spheres."""
     mesh = emitter.mesh
-    return _wires(
-        pv.PolyData.from_regular_faces(mesh.points_at(time), mesh.triangles),
-        emitter.transform_at(time),
-        EMITTER_COLOR,
-        0.15,
-    )
+    if isinstance(mesh, Points):
+        corners = np.concatenate([np.eye(3), -np.eye(3)])
+        sizes = mesh.widths_at(time)[:, None, None] / 2
+        points = (mesh.points_at(time)[:, None] + sizes * corners).reshape(-1, 3)
+        triangles = (6 * np.arange(len(sizes))[:, None, None] + OCTAHEDRON).reshape(-1, 3)
+    else:
+        points, triangles = mesh.points_at(time), mesh.triangles
+    shape = pv.PolyData.from_regular_faces(points, triangles)
+    return _wires(shape, emitter.transform_at(time), EMITTER_COLOR, 0.15)
+
+
+def _rays(light: SpotLight, length: float, time: float) -> pv.PolyData:
+    """Lines along the edge of a spot light's cone."""
+    position, direction = light.position_at(time), light.direction_at(time)
+    across = normalized(np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))]))
+    angle, turn = np.radians(light.cone_angle), np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)[:, None]
+    around = np.cos(turn) * across + np.sin(turn) * np.cross(direction, across)
+    ends = position + length * (np.cos(angle) * direction + np.sin(angle) * around)
+    points = np.stack([np.broadcast_to(position, ends.shape), ends], axis=1).reshape(-1, 3)
+    return pv.line_segments_from_points(points)
 
 
 def _wires(shape: pv.PolyData, matrix: np.ndarray, color: str, opacity: float) -> pv.Actor:

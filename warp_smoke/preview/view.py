@@ -180,4 +180,6 @@ def look_from(plotter: pv.Plotter, view: View) -> None:
 
 
 def _changes(record: Record) -> bool:
-    return any(isinstance(value, Samples) for value in vars(record).values())
+    return any(
+        isinstance(each, Samples) or (isinstance(each, Record) and _changes(each)) for each in vars(record).values()
+    )
