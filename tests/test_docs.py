@@ -17,6 +17,12 @@ def test_schema_reference_is_current():
     assert (ROOT / "docs/schema.md").read_text(encoding="utf-8") == script["schema_reference"]()
 
 
+def test_cli_reference_is_current():
+    """docs/cli.md says what the commands say."""
+    script = runpy.run_path(str(ROOT / "scripts/cli_reference.py"))
+    assert (ROOT / "docs/cli.md").read_text(encoding="utf-8") == script["cli_reference"]()
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     """Every relative link and picture of a page is a file."""

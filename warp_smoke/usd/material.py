@@ -185,6 +185,8 @@ def _define_emitter(receiver: Usd.Prim) -> UsdShade.Material:
     surface.CreateInput("useSpecularWorkflow", Sdf.ValueTypeNames.Int).Set(1)
     surface.CreateInput("specularColor", Sdf.ValueTypeNames.Color3f).Set(black)
     surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(1.0)
+    # Blender takes its reflection from this and not from the specular colour.
+    surface.CreateInput("ior", Sdf.ValueTypeNames.Float).Set(1.0)
     material.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
     return material
 
