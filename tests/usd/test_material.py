@@ -78,6 +78,7 @@ def test_the_baked_look_only_emits(results):
     assert surface.GetShaderId() == "UsdPreviewSurface"
     assert surface.GetInput("diffuseColor").Get() == Gf.Vec3f(0)
     assert surface.GetInput("specularColor").Get() == Gf.Vec3f(0)
+    assert surface.GetInput("ior").Get() == 1.0
     assert surface.GetInput("useSpecularWorkflow").Get() == 1
     picture = UsdShade.Shader(surface.GetInput("emissiveColor").GetConnectedSources()[0][0].source.GetPrim())
     assert picture.GetShaderId() == "UsdUVTexture"
