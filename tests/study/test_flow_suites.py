@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from warp_smoke.fluid.advection import MacCormack, SemiLagrangian
+from warp_smoke.fluid.advection import SemiLagrangian
+from warp_smoke.fluid.maccormack import MacCormack
 from warp_smoke.fluid.schemes import ADVECTION_SCHEMES
 from warp_smoke.study import advection, flow, measure, pressure
 from warp_smoke.study.case import panel_error

@@ -6,9 +6,10 @@ J. Rossignac, *FlowFixer: Using BFECC for Fluid Simulation*, 2005.
 
 import warp as wp
 
-from warp_smoke.fluid.advection import MacCormack, end_of_trace
-from warp_smoke.fluid.grid import Block, beside
+from warp_smoke.fluid.advection import end_of_trace
+from warp_smoke.fluid.grid import Block
 from warp_smoke.fluid.interpolation import sample, settle, within
+from warp_smoke.fluid.maccormack import MacCormack, half_error, unless_outside
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
@@ -27,23 +28,16 @@ def _compensate(
     upper: wp.vec3,
     a_out: wp.array3d[float],
 ):
-    """Compensation: a_out(x) = a(x) + ½ (a(x) − guess(x + e)); it fades out as x + e leaves the samples."""
+    """Compensation: a_out(x) = a(x) + ½ (a(x) − guess(x + e))."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
-    x0 = beside(ex, block.before)
-    y0 = beside(ey, block.before)
-    z0 = beside(ez, block.before)
-    x1 = beside(ex, block.after)
-    y1 = beside(ey, block.after)
-    z1 = beside(ez, block.after)
     old = dense(a)
     out = dense_store(a_out)
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x, y, z, inside = end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, guess, lower, upper)
-        out[i, j, k] = bits(old[i, j, k] + 0.5 * inside * (old[i, j, k] - sample(guess, x, y, z)))
+        out[i, j, k] = bits(old[i, j, k] + half_error(block, ex, ey, ez, i, j, k, a, guess, lower, upper))
         k += 1
 
 
@@ -65,19 +59,13 @@ def _sample_within(
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
-    x0 = beside(dx, block.before)
-    y0 = beside(dy, block.before)
-    z0 = beside(dz, block.before)
-    x1 = beside(dx, block.after)
-    y1 = beside(dy, block.after)
-    z1 = beside(dz, block.after)
     low = dense(least)
     high = dense(most)
     out = dense_store(a_out)
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x, y, z, _ = end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, a, lower, upper)
+        x, y, z, _ = end_of_trace(block, dx, dy, dz, i, j, k, a, lower, upper)
         out[i, j, k] = bits(settle(within(sample(a, x, y, z), low[i, j, k], high[i, j, k])))
         k += 1
 
@@ -101,12 +89,6 @@ def _sample_or_not(
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
-    x0 = beside(dx, block.before)
-    y0 = beside(dy, block.before)
-    z0 = beside(dz, block.before)
-    x1 = beside(dx, block.after)
-    y1 = beside(dy, block.after)
-    z1 = beside(dz, block.after)
     new = dense(guess)
     low = dense(least)
     high = dense(most)
@@ -114,10 +96,9 @@ def _sample_or_not(
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x, y, z, _ = end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, a, lower, upper)
+        x, y, z, _ = end_of_trace(block, dx, dy, dz, i, j, k, a, lower, upper)
         value = sample(a, x, y, z)
-        limited = within(value, low[i, j, k], high[i, j, k])
-        out[i, j, k] = bits(settle(wp.where(limited == value, value, new[i, j, k])))
+        out[i, j, k] = bits(settle(unless_outside(value, low[i, j, k], high[i, j, k], new[i, j, k])))
         k += 1
 
 

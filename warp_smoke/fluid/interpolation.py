@@ -100,3 +100,24 @@ def sample(a: wp.array3d[float], x: float, y: float, z: float):
     fy = fraction(y, a.shape[1])
     fz = fraction(z, a.shape[2])
     return blend(a000, a001, a010, a011, a100, a101, a110, a111, fx, fy, fz)
+
+
+@wp.func
+def clamped_place(a: wp.array3d[float], x: float, y: float, z: float, lower: wp.vec3, upper: wp.vec3):
+    """The place among the samples of a that is nearest to (x, y, z), and how much of that lies inside of them.
+
+    Before that (x, y, z) is kept within [lower, upper].
+    """
+    x = within(x, lower[0], upper[0])
+    y = within(y, lower[1], upper[1])
+    z = within(z, lower[2], upper[2])
+    cx = within(x, 0.0, float(a.shape[0] - 1))
+    cy = within(y, 0.0, float(a.shape[1] - 1))
+    cz = within(z, 0.0, float(a.shape[2] - 1))
+    return cx, cy, cz, (1.0 - wp.abs(x - cx)) * (1.0 - wp.abs(y - cy)) * (1.0 - wp.abs(z - cz))
+
+
+@wp.func
+def mixed(ambient: float, value: float, inside: float):
+    """Ambient outside, the value inside, and a share of each between."""
+    return ambient + inside * (value - ambient)

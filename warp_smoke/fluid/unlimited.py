@@ -4,11 +4,12 @@ from math import inf
 
 import warp as wp
 
-from warp_smoke.fluid.advection import MacCormack, SemiLagrangian, end_of_trace, sample_back
+from warp_smoke.fluid.advection import SemiLagrangian, end_of_trace, sample_back
 from warp_smoke.fluid.bfecc import Bfecc
 from warp_smoke.fluid.cubic import sample_cubic
-from warp_smoke.fluid.grid import Block, beside
-from warp_smoke.fluid.interpolation import settle
+from warp_smoke.fluid.grid import Block
+from warp_smoke.fluid.interpolation import mixed, settle
+from warp_smoke.fluid.maccormack import MacCormack
 from warp_smoke.launch import Launcher, Rows, bits, dense_store
 
 wp.set_module_options({"enable_backward": False})
@@ -31,19 +32,13 @@ def _sample_back_cubic(
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
-    x0 = beside(dx, block.before)
-    y0 = beside(dy, block.before)
-    z0 = beside(dz, block.before)
-    x1 = beside(dx, block.after)
-    y1 = beside(dy, block.after)
-    z1 = beside(dz, block.after)
     out = dense_store(a_out)
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x, y, z, inside = end_of_trace(x0, y0, z0, x1, y1, z1, i, j, k, a, lower, upper)
+        x, y, z, inside = end_of_trace(block, dx, dy, dz, i, j, k, a, lower, upper)
         value, _, _ = sample_cubic(a, x, y, z)
-        out[i, j, k] = bits(settle(ambient + inside * (value - ambient)))
+        out[i, j, k] = bits(settle(mixed(ambient, value, inside)))
         k += 1
 
 

@@ -1,0 +1,205 @@
+"""MacCormack's method, kept within the range of the cell that the trace began in.
+
+A. Selle, R. Fedkiw, B. Kim, Y. Liu, J. Rossignac, *An Unconditionally Stable MacCormack Method*, 2008 (with its two
+ways to keep the result within range).
+"""
+
+from math import inf, prod
+
+import warp as wp
+
+from warp_smoke.fluid.advection import SemiLagrangian, end_of_trace
+from warp_smoke.fluid.grid import Block
+from warp_smoke.fluid.interpolation import blend, corners, fraction, greater, lesser, mixed, sample, settle, within
+from warp_smoke.fluid.samples import Samples
+from warp_smoke.fluid.trace import trace_ahead
+from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _guess(
+    rows: Rows,
+    block: Block,
+    dx: wp.array3d[float],
+    dy: wp.array3d[float],
+    dz: wp.array3d[float],
+    a: wp.array3d[float],
+    lower: wp.vec3,
+    upper: wp.vec3,
+    ambient: float,
+    a_out: wp.array3d[float],
+    least_out: wp.array3d[float],
+    most_out: wp.array3d[float],
+):
+    """Like `sample_back`, with the range of the eight samples around x + d, or of a_out alone if that is outside."""
+    i, j, c = wp.tid()
+    i += rows.first + block.first[0]
+    j += block.first[1]
+    out = dense_store(a_out)
+    least = dense_store(least_out)
+    most = dense_store(most_out)
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
+    while k < end:
+        x, y, z, inside = end_of_trace(block, dx, dy, dz, i, j, k, a, lower, upper)
+        a000, a001, a010, a011, a100, a101, a110, a111 = corners(a, x, y, z)
+        fx = fraction(x, a.shape[0])
+        fy = fraction(y, a.shape[1])
+        fz = fraction(z, a.shape[2])
+        value = blend(a000, a001, a010, a011, a100, a101, a110, a111, fx, fy, fz)
+        value = settle(mixed(ambient, value, inside))
+        low = lesser(lesser(lesser(a000, a001), lesser(a010, a011)), lesser(lesser(a100, a101), lesser(a110, a111)))
+        high = greater(greater(a000, a001), greater(a010, a011))
+        high = greater(high, greater(greater(a100, a101), greater(a110, a111)))
+        out[i, j, k] = bits(value)
+        least[i, j, k] = bits(wp.where(inside < 1.0, value, low))
+        most[i, j, k] = bits(wp.where(inside < 1.0, value, high))
+        k += 1
+
+
+@wp.func
+def half_error(
+    block: Block,
+    ex: wp.array3d[float],
+    ey: wp.array3d[float],
+    ez: wp.array3d[float],
+    i: int,
+    j: int,
+    k: int,
+    a: wp.array3d[float],
+    guess: wp.array3d[float],
+    lower: wp.vec3,
+    upper: wp.vec3,
+):
+    """Half of what a field loses on the way there and back, ½ (a(x) − guess(x + e)).
+
+    It fades out as x + e leaves the samples.
+    """
+    old = dense(a)
+    x, y, z, inside = end_of_trace(block, ex, ey, ez, i, j, k, guess, lower, upper)
+    return 0.5 * inside * (old[i, j, k] - sample(guess, x, y, z))
+
+
+@wp.func
+def unless_outside(value: float, low: float, high: float, fallback: float):
+    """The value if it is in [low, high], else the fallback."""
+    return wp.where(within(value, low, high) == value, value, fallback)
+
+
+@wp.kernel
+def _correct_within(
+    rows: Rows,
+    block: Block,
+    ex: wp.array3d[float],
+    ey: wp.array3d[float],
+    ez: wp.array3d[float],
+    a: wp.array3d[float],
+    guess: wp.array3d[float],
+    least: wp.array3d[float],
+    most: wp.array3d[float],
+    lower: wp.vec3,
+    upper: wp.vec3,
+    a_out: wp.array3d[float],
+):
+    """MacCormack: a_out(x) = guess(x) + ½ (a(x) − guess(x + e)), kept within [least, most]."""
+    i, j, c = wp.tid()
+    i += rows.first + block.first[0]
+    j += block.first[1]
+    new = dense(guess)
+    low = dense(least)
+    high = dense(most)
+    out = dense_store(a_out)
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
+    while k < end:
+        value = new[i, j, k] + half_error(block, ex, ey, ez, i, j, k, a, guess, lower, upper)
+        out[i, j, k] = bits(settle(within(value, low[i, j, k], high[i, j, k])))
+        k += 1
+
+
+@wp.kernel
+def _correct_or_not(
+    rows: Rows,
+    block: Block,
+    ex: wp.array3d[float],
+    ey: wp.array3d[float],
+    ez: wp.array3d[float],
+    a: wp.array3d[float],
+    guess: wp.array3d[float],
+    least: wp.array3d[float],
+    most: wp.array3d[float],
+    lower: wp.vec3,
+    upper: wp.vec3,
+    a_out: wp.array3d[float],
+):
+    """Like `_correct_within`, but a_out = guess where the correction would leave [least, most]."""
+    i, j, c = wp.tid()
+    i += rows.first + block.first[0]
+    j += block.first[1]
+    new = dense(guess)
+    low = dense(least)
+    high = dense(most)
+    out = dense_store(a_out)
+    k = wp.max(block.first[2] + c * rows.run, 0)
+    end = wp.min(k + rows.run, block.stop)
+    while k < end:
+        value = new[i, j, k] + half_error(block, ex, ey, ez, i, j, k, a, guess, lower, upper)
+        out[i, j, k] = bits(settle(unless_outside(value, low[i, j, k], high[i, j, k], new[i, j, k])))
+        k += 1
+
+
+class MacCormack(SemiLagrangian):
+    """Order 2: a semi-Lagrangian guess, less half of its error, which shows when the guess is carried back again.
+
+    The result stays within the range of the samples around the place where the trace began: a scalar is clamped to it,
+    which keeps it sharp; velocity falls back to its guess, for where it is clamped, noise feeds on the flow.
+    """
+
+    def __init__(self, launcher: Launcher, shape: tuple[int, int, int], *args, **options):
+        """Allocates; arguments as for `SemiLagrangian`."""
+        super().__init__(launcher, shape, *args, **options)
+        self._ahead = self._zeros([shape] * 3)
+        self._guess = {samples: launcher.zeros(samples.shape, "advection") for samples in self._spare}
+        bounds = self._zeros([max(prod(samples.shape) for samples in self._spare)] * 2)
+        self._bounds = {
+            samples: [each[: prod(samples.shape)].reshape(samples.shape) for each in bounds] for samples in self._spare
+        }
+
+    def _displacements(self) -> list:
+        return [*self._back, *self._ahead]
+
+    def trace(self, velocity: tuple, step: float, courant: float = inf) -> None:
+        """Traces through one step both ways."""
+        self._trace_back(velocity, step, courant)
+        trace_ahead(self._launcher, self._traced, velocity, step, self._trace_limits, self._back, self._ahead)
+        if self._boundary:
+            self._boundary.stop(self._back, self._ahead)
+
+    def _carry(self, samples: Samples, field: wp.array, limits: tuple, ambient: float, new: wp.array) -> None:
+        self._keep(samples, field, self._guess[samples])
+        self._make_guess(samples, field, limits, ambient)
+        self._continue(samples, field, self._guess[samples])
+        self._correct(samples, field, limits, new)
+
+    def _make_guess(self, samples: Samples, field: wp.array, limits: tuple, ambient: float) -> None:
+        """The first-order guess, and the bounds of the result."""
+        (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
+        self._launcher.launch(_guess, shape, block, *self._back, field, *limits, ambient, guess, *bounds)
+        if self._boundary and samples is self._cells:
+            self._boundary.sample(self._back, field, limits, ambient, (guess, *bounds))
+
+    def _correct(self, samples: Samples, field: wp.array, limits: tuple, new: wp.array) -> None:
+        """Makes the new field of the guess, within the bounds.
+
+        Args:
+            samples: where the field is sampled.
+            field: the old one.
+            limits: where traces back may end, for fields that go beyond open sides.
+            new: written.
+        """
+        (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
+        correct = _correct_within if samples is self._cells else _correct_or_not
+        args = (*self._ahead, field, guess, *bounds, *samples.limits, new)
+        self._launcher.launch(correct, shape, block, *args)
