@@ -11,7 +11,7 @@ _SPECTRAL_DIFFUSION = ("fluid.transforms", "fluid.diffusion.scalar", "fluid.diff
 _JACOBI_DIFFUSION = ("fluid.colliders", "fluid.diffusion.scalar", "fluid.diffusion.jacobi")
 # Module of kernels by the pass that launches them, and by pass and method where that decides.
 _FLUID = {
-    "voxelize_colliders": ("fluid.voxelize", "fluid.walls", "fluid.colliders"),
+    "voxelize_colliders": ("fluid.voxelize", "fluid.walls", "fluid.colliders", "fluid.solid_boundary"),
     "vary_emission": ("fluid.emitter_share",),
     "emit_density": ("fluid.voxelize", "fluid.emitters"),
     "emit_density arrays": ("fluid.array_source",),

@@ -1,8 +1,7 @@
 """Advection beside solids: traces end on them, and only smoke on the near side of a solid is sampled.
 
-Traces follow the cells that their straight line crosses (J. Amanatides, A. Woo, *A Fast Voxel Traversal Algorithm for
-Ray Tracing*, 1987) up to the first closed face. Of the eight cells around a trace's end those count that are connected
-with the cell of the end through open faces: so no wall leaks, however thin, diagonal ones included.
+Traces go up to the first closed face. Of the eight cells around a trace's end those count that are connected with the
+cell of the end through open faces: so no wall leaks, however thin, diagonal ones included.
 """
 
 from math import ceil
@@ -11,31 +10,11 @@ import warp as wp
 
 from warp_smoke.fluid.colliders import Solids
 from warp_smoke.fluid.grid import Block, Box, Patch, all_cells, faces_of, grown, patch_of
-from warp_smoke.fluid.interpolation import base, greater, shifted, within
+from warp_smoke.fluid.interpolation import clamped_place, greater, mixed, shifted, within
+from warp_smoke.fluid.solid_cells import SHORT, SolidCells, sum_connected, way_to_solid
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
-
-# Traces end a little before a closed face, so that round-off does not put them behind it.
-_SHORT = wp.constant(0.999)
-
-
-@wp.struct
-class SolidCells:
-    """Cells and faces as kernels see them.
-
-    fluid and held are 1 in cells of fluid now and in the last step; wx, wy, wz are the open shares of faces; crowded is
-    1 where a closed face or a cell that holds no smoke is among the cell and its neighbours; near is 1 where a trace
-    ends in a crowded cell.
-    """
-
-    fluid: wp.array3d[float]
-    held: wp.array3d[float]
-    wx: wp.array3d[float]
-    wy: wp.array3d[float]
-    wz: wp.array3d[float]
-    crowded: wp.array3d[float]
-    near: wp.array3d[float]
 
 
 @wp.func
@@ -95,44 +74,6 @@ def _spread(rows: Rows, block: Block, unit: wp.vec3i, a: wp.array3d[float], a_ou
         k += 1
 
 
-@wp.func
-def _way_to_solid(solids: SolidCells, i: int, j: int, k: int, x: float, y: float, z: float):
-    """Share of the way from the centre of a cell along (x, y, z) to the first closed face; 2 if there is none."""
-    step_x = 1.0 / wp.abs(x)  # infinite along axes that are not crossed
-    step_y = 1.0 / wp.abs(y)
-    step_z = 1.0 / wp.abs(z)
-    next_x = 0.5 * step_x
-    next_y = 0.5 * step_y
-    next_z = 0.5 * step_z
-    way = wp.min(next_x, wp.min(next_y, next_z))
-    result = wp.float32(2.0)
-    while _SHORT * way < 1.0:  # also for a trace that ends on the face itself, which rounds to the cell behind it
-        share = wp.float32(0.0)
-        if next_x == way:
-            upwards = wp.where(x > 0.0, 1, 0)
-            share = solids.wx[i + upwards, j, k]
-            i += 2 * upwards - 1
-            next_x += step_x
-        elif next_y == way:
-            upwards = wp.where(y > 0.0, 1, 0)
-            share = solids.wy[i, j + upwards, k]
-            j += 2 * upwards - 1
-            next_y += step_y
-        else:
-            upwards = wp.where(z > 0.0, 1, 0)
-            share = solids.wz[i, j, k + upwards]
-            k += 2 * upwards - 1
-            next_z += step_z
-        fluid = solids.fluid
-        if i < 0 or j < 0 or k < 0 or i >= fluid.shape[0] or j >= fluid.shape[1] or k >= fluid.shape[2]:
-            break  # traces are kept within the domain already
-        if share == 0.0:
-            result = way
-            break
-        way = wp.min(next_x, wp.min(next_y, next_z))
-    return result
-
-
 @wp.kernel
 def _stop_at_solids(
     rows: Rows,
@@ -155,11 +96,11 @@ def _stop_at_solids(
         far = wp.max(wp.abs(x), wp.max(wp.abs(y), wp.abs(z)))
         # A short way crosses no faces but those of the cell and its neighbours.
         if (far > 1.5 or (far > 0.5 and solids.crowded[i, j, k] > 0.0)) and solids.fluid[i, j, k] > 0.0:
-            way = _way_to_solid(solids, i, j, k, x, y, z)
+            way = way_to_solid(solids, i, j, k, x, y, z)
             if way < 2.0:
-                dx_inout[i, j, k] = _SHORT * way * x
-                dy_inout[i, j, k] = _SHORT * way * y
-                dz_inout[i, j, k] = _SHORT * way * z
+                dx_inout[i, j, k] = SHORT * way * x
+                dy_inout[i, j, k] = SHORT * way * y
+                dz_inout[i, j, k] = SHORT * way * z
         k += 1
 
 
@@ -209,45 +150,6 @@ def _mark_near(
         k += 1
 
 
-# Eight cells from (i, j, k) on are corners numbered in binary, x y z; a set of them is an integer with a bit for each.
-
-
-@wp.func
-def _corner(a: wp.array3d[float], i: int, j: int, k: int, corner: int):
-    """The value of a in a corner; in a lattice one cell thick both corners are that cell."""
-    x = wp.min(i + corner // 4, a.shape[0] - 1)
-    y = wp.min(j + (corner // 2) % 2, a.shape[1] - 1)
-    z = wp.min(k + corner % 2, a.shape[2] - 1)
-    return a[x, y, z]
-
-
-@wp.func
-def _connected(solids: SolidCells, i: int, j: int, k: int, start: int):
-    """The set of corners that can be reached from a corner through open faces."""
-    # Bit n of these: the face between corner n and the one after it along the axis is open.
-    along_x = wp.int32(0)
-    along_y = wp.int32(0)
-    along_z = wp.int32(0)
-    i1 = wp.min(i + 1, solids.fluid.shape[0] - 1)
-    j1 = wp.min(j + 1, solids.fluid.shape[1] - 1)
-    k1 = wp.min(k + 1, solids.fluid.shape[2] - 1)
-    for a in range(2):
-        for b in range(2):
-            if solids.wx[i + 1, wp.where(a == 1, j1, j), wp.where(b == 1, k1, k)] > 0.0:
-                along_x = along_x | (1 << (2 * a + b))
-            if solids.wy[wp.where(a == 1, i1, i), j + 1, wp.where(b == 1, k1, k)] > 0.0:
-                along_y = along_y | (1 << (4 * a + b))
-            if solids.wz[wp.where(a == 1, i1, i), wp.where(b == 1, j1, j), k + 1] > 0.0:
-                along_z = along_z | (1 << (4 * a + 2 * b))
-    reached = 1 << start
-    for _ in range(7):  # the longest way meets every corner once
-        by_x = ((reached & along_x) << 4) | ((reached >> 4) & along_x)
-        by_y = ((reached & along_y) << 2) | ((reached >> 2) & along_y)
-        by_z = ((reached & along_z) << 1) | ((reached >> 1) & along_z)
-        reached = reached | by_x | by_y | by_z
-    return reached
-
-
 @wp.kernel
 def _sample_near_solids(
     rows: Rows,
@@ -266,7 +168,7 @@ def _sample_near_solids(
 ):
     """Where near: a_out(x) = least = most = Σ w a / Σ w, over the corners around x + d that are connected with it.
 
-    Cells that were solid in the last step have no value yet; solid cells become ambient.
+    Solid cells become ambient.
     """
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
@@ -277,33 +179,13 @@ def _sample_near_solids(
     while k < end:
         value = ambient
         if fluid[i, j, k] > 0.0 and solids.near[i, j, k] > 0.0:
-            x = within(float(i) + dx[i, j, k], lower[0], upper[0])
-            y = within(float(j) + dy[i, j, k], lower[1], upper[1])
-            z = within(float(k) + dz[i, j, k], lower[2], upper[2])
-            cx = within(x, 0.0, float(a.shape[0] - 1))
-            cy = within(y, 0.0, float(a.shape[1] - 1))
-            cz = within(z, 0.0, float(a.shape[2] - 1))
-            ci = base(cx, a.shape[0])
-            cj = base(cy, a.shape[1])
-            ck = base(cz, a.shape[2])
-            fx = cx - float(ci)
-            fy = cy - float(cj)
-            fz = cz - float(ck)
-            nearest = 4 * int(fx + 0.5) + 2 * int(fy + 0.5) + int(fz + 0.5)
-            reached = _connected(solids, ci, cj, ck, nearest)
-            total = wp.float32(0.0)
-            weights = wp.float32(0.0)
-            for corner in range(8):
-                if ((reached >> corner) & 1) == 1:
-                    weight = _corner(solids.held, ci, cj, ck, corner)
-                    weight *= wp.where(corner // 4 == 1, fx, 1.0 - fx)
-                    weight *= wp.where((corner // 2) % 2 == 1, fy, 1.0 - fy)
-                    weight *= wp.where(corner % 2 == 1, fz, 1.0 - fz)
-                    total += weight * _corner(a, ci, cj, ck, corner)
-                    weights += weight
+            x = float(i) + dx[i, j, k]
+            y = float(j) + dy[i, j, k]
+            z = float(k) + dz[i, j, k]
+            cx, cy, cz, inside = clamped_place(a, x, y, z, lower, upper)
+            total, weights = sum_connected(solids, a, cx, cy, cz)
             if weights > 0.0:
-                inside = (1.0 - wp.abs(x - cx)) * (1.0 - wp.abs(y - cy)) * (1.0 - wp.abs(z - cz))
-                value = ambient + inside * (total / weights - ambient)
+                value = mixed(ambient, total / weights, inside)
         if fluid[i, j, k] == 0.0 or solids.near[i, j, k] > 0.0:
             a_out[i, j, k] = value
             least_out[i, j, k] = value

@@ -13,6 +13,55 @@ from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.func
+def face_sums(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float], i: int, j: int, k: int):
+    """Twice the velocity in the centre of a cell: the sums over its faces across x, y and z."""
+    fu = dense(u)
+    fv = dense(v)
+    fw = dense(w)
+    return wp.vec3(fu[i, j, k] + fu[i + 1, j, k], fv[i, j, k] + fv[i, j + 1, k], fw[i, j, k] + fw[i, j, k + 1])
+
+
+@wp.func
+def velocity_at(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float], x: wp.vec3):
+    """The velocity at a place in cell indices, or at the sample nearest to it."""
+    last_x = float(v.shape[0] - 1)
+    last_y = float(u.shape[1] - 1)
+    last_z = float(u.shape[2] - 1)
+    cx = within(x[0], 0.0, last_x)
+    cy = within(x[1], 0.0, last_y)
+    cz = within(x[2], 0.0, last_z)
+    return wp.vec3(
+        sample(u, within(x[0] + 0.5, 0.0, last_x + 1.0), cy, cz),
+        sample(v, cx, within(x[1] + 0.5, 0.0, last_y + 1.0), cz),
+        sample(w, cx, cy, within(x[2] + 0.5, 0.0, last_z + 1.0)),
+    )
+
+
+@wp.func
+def store_displacement(
+    i: int,
+    j: int,
+    k: int,
+    d: wp.vec3,
+    lower: wp.vec3,
+    upper: wp.vec3,
+    dx_out: wp.array3d[float],
+    dy_out: wp.array3d[float],
+    dz_out: wp.array3d[float],
+):
+    """Stores the displacement d of a cell, shortened to end within [lower, upper]."""
+    dx = dense_store(dx_out)
+    dy = dense_store(dy_out)
+    dz = dense_store(dz_out)
+    x = float(i)
+    y = float(j)
+    z = float(k)
+    dx[i, j, k] = bits(within(d[0], lower[0] - x, upper[0] - x))
+    dy[i, j, k] = bits(within(d[1], lower[1] - y, upper[1] - y))
+    dz[i, j, k] = bits(within(d[2], lower[2] - z, upper[2] - z))
+
+
 @wp.kernel
 def trace_by_midpoint(
     rows: Rows,
@@ -31,34 +80,13 @@ def trace_by_midpoint(
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
-    fu = dense(u)
-    fv = dense(v)
-    fw = dense(w)
-    dx = dense_store(dx_out)
-    dy = dense_store(dy_out)
-    dz = dense_store(dz_out)
-    last_x = float(dx_out.shape[0] - 1)
-    last_y = float(dx_out.shape[1] - 1)
-    last_z = float(dx_out.shape[2] - 1)
-    x = float(i)
-    y = float(j)
     quarter = 0.25 * step
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        z = float(k)
-        mx = x - quarter * (fu[i, j, k] + fu[i + 1, j, k])
-        my = y - quarter * (fv[i, j, k] + fv[i, j + 1, k])
-        mz = z - quarter * (fw[i, j, k] + fw[i, j, k + 1])
-        cx = within(mx, 0.0, last_x)
-        cy = within(my, 0.0, last_y)
-        cz = within(mz, 0.0, last_z)
-        mu = sample(u, within(mx + 0.5, 0.0, last_x + 1.0), cy, cz)
-        mv = sample(v, cx, within(my + 0.5, 0.0, last_y + 1.0), cz)
-        mw = sample(w, cx, cy, within(mz + 0.5, 0.0, last_z + 1.0))
-        dx[i, j, k] = bits(within(-step * mu, lower[0] - x, upper[0] - x))
-        dy[i, j, k] = bits(within(-step * mv, lower[1] - y, upper[1] - y))
-        dz[i, j, k] = bits(within(-step * mw, lower[2] - z, upper[2] - z))
+        middle = wp.vec3(float(i), float(j), float(k)) - quarter * face_sums(u, v, w, i, j, k)
+        d = -step * velocity_at(u, v, w, middle)
+        store_displacement(i, j, k, d, lower, upper, dx_out, dy_out, dz_out)
         k += 1
 
 
@@ -87,27 +115,14 @@ def _trace_ahead(
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
-    fu = dense(u)
-    fv = dense(v)
-    fw = dense(w)
     bx = dense(dx)
     by = dense(dy)
     bz = dense(dz)
-    ex = dense_store(ex_out)
-    ey = dense_store(ey_out)
-    ez = dense_store(ez_out)
-    x = float(i)
-    y = float(j)
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        z = float(k)
-        ax = bx[i, j, k] + step * (fu[i, j, k] + fu[i + 1, j, k])
-        ay = by[i, j, k] + step * (fv[i, j, k] + fv[i, j + 1, k])
-        az = bz[i, j, k] + step * (fw[i, j, k] + fw[i, j, k + 1])
-        ex[i, j, k] = bits(within(ax, lower[0] - x, upper[0] - x))
-        ey[i, j, k] = bits(within(ay, lower[1] - y, upper[1] - y))
-        ez[i, j, k] = bits(within(az, lower[2] - z, upper[2] - z))
+        e = wp.vec3(bx[i, j, k], by[i, j, k], bz[i, j, k]) + step * face_sums(u, v, w, i, j, k)
+        store_displacement(i, j, k, e, lower, upper, ex_out, ey_out, ez_out)
         k += 1
 
 
