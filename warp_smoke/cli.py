@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 from rich.console import Console
@@ -59,6 +59,7 @@ def run(
     checkpoint_every: int | None = None,
     flatten: bool = False,
     usdz: bool = False,
+    volume_shader: Literal["karma", "arnold", "omniverse"] | None = None,
     watch: Annotated[bool, Parameter(name="--preview")] = False,
     as_json: Annotated[bool, Parameter(name="--json")] = False,
 ):
@@ -96,6 +97,8 @@ def run(
         Also write the stage as one layer, NAME.flat.usdc, beside its volumes and textures.
     usdz
         Also write the stage with its textures as one package, NAME.usdz, which cannot hold volumes.
+    volume_shader
+        Also write materials for the smoke, for one renderer, into a layer over the results: NAME.RENDERER.usda.
     watch
         Show frames in a window as they are made, as many as slow the run by a tenth at most; then all of them.
     as_json
@@ -140,6 +143,10 @@ def run(
     if live:
         live.close()
     written = [result.stage]
+    if volume_shader:
+        from warp_smoke.usd.volume_shader import write_volume_shader
+
+        written.append(write_volume_shader(result.stage, scene, volume_shader))
     if flatten or usdz:
         from warp_smoke.usd.export import flatten_stage, package_stage
 

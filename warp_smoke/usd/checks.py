@@ -108,7 +108,8 @@ def _check_inputs(prim: Usd.Prim) -> Iterator[Problem]:
     """Shaders and lights have no `inputs:` that their definition does not know, nor a value that it does not list."""
     inputs = prim.GetAuthoredPropertiesInNamespace("inputs")
     if prim.IsA(UsdShade.Shader):
-        node = Sdr.Registry().GetShaderNodeByIdentifier(UsdShade.Shader(prim).GetShaderId())
+        identifier = UsdShade.Shader(prim).GetShaderId()
+        node = Sdr.Registry().GetShaderNodeByIdentifier(identifier) if identifier else None
         if not node:
             return  # a renderer's own
         names = node.GetShaderInputNames()

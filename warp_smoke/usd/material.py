@@ -97,9 +97,9 @@ def define_procedural(stage: Usd.Stage, path: str, file: str) -> None:
     """Makes a computed picture the diffuse colour of the material at a path, over the surface's `st`."""
     material = UsdShade.Material(stage.GetPrimAtPath(path))
     surface, _, _ = material.ComputeSurfaceSource()
-    uv = _define_shader(material, "proceduralCoordinates", "UsdPrimvarReader_float2")
+    uv = define_shader(material, "proceduralCoordinates", "UsdPrimvarReader_float2")
     uv.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
-    picture = _define_shader(material, "procedural", "UsdUVTexture")
+    picture = define_shader(material, "procedural", "UsdUVTexture")
     picture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(file)
     _show(picture, uv, "sRGB", "repeat")
     diffuse = surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
@@ -122,9 +122,9 @@ def _define_pictures(receiver: Usd.Prim, bake: BakeResult) -> None:
     if bake.bake != "lit":
         return
     material = _define_emitter(receiver)
-    uv = _define_shader(material, "st", "UsdPrimvarReader_float2")
+    uv = define_shader(material, "st", "UsdPrimvarReader_float2")
     uv.CreateInput("varname", Sdf.ValueTypeNames.String).Set(name)
-    picture = _define_shader(material, "lit", "UsdUVTexture")
+    picture = define_shader(material, "lit", "UsdUVTexture")
     set_over_time(picture.CreateInput("file", Sdf.ValueTypeNames.Asset).GetAttr(), bake.files)
     _show(picture, uv, "sRGB", "clamp")
     _emit(material, picture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3))
@@ -151,7 +151,7 @@ def _define_primvar(receiver: Usd.Prim, bake: VertexBakeResult) -> None:
     if bake.bake != "lit":
         return
     material = _define_emitter(receiver)
-    reader = _define_shader(material, "lit", "UsdPrimvarReader_float3")
+    reader = define_shader(material, "lit", "UsdPrimvarReader_float3")
     reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(name)
     _emit(material, reader.CreateOutput("result", Sdf.ValueTypeNames.Float3))
     _bind(receiver, material)
@@ -172,14 +172,19 @@ def _define_uvs(mesh: Usd.Prim, fit: UvFit | None) -> str:
     return BAKE_UVS
 
 
-def _define_emitter(receiver: Usd.Prim) -> UsdShade.Material:
-    """A new material `Looks/<Receiver>_baked` under the receiver's root prim, with a surface that reflects nothing."""
-    stage = receiver.GetStage()
-    looks = stage.GetPrimAtPath(_root(receiver).GetPath().AppendChild("Looks"))
+def define_material(prim: Usd.Prim, name: str) -> UsdShade.Material:
+    """A new material in the scope `Looks` under the root prim above a prim."""
+    stage = prim.GetStage()
+    looks = stage.GetPrimAtPath(_root(prim).GetPath().AppendChild("Looks"))
     if not looks:
-        looks = UsdGeom.Scope.Define(stage, _root(receiver).GetPath().AppendChild("Looks")).GetPrim()
-    material = UsdShade.Material.Define(stage, free_path(looks, f"{receiver.GetName()}_baked"))
-    surface = _define_shader(material, "Surface", "UsdPreviewSurface")
+        looks = UsdGeom.Scope.Define(stage, _root(prim).GetPath().AppendChild("Looks")).GetPrim()
+    return UsdShade.Material.Define(stage, free_path(looks, name))
+
+
+def _define_emitter(receiver: Usd.Prim) -> UsdShade.Material:
+    """A new material `<Receiver>_baked`, with a surface that reflects nothing."""
+    material = define_material(receiver, f"{receiver.GetName()}_baked")
+    surface = define_shader(material, "Surface", "UsdPreviewSurface")
     black = Gf.Vec3f(0.0)
     surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(black)
     surface.CreateInput("useSpecularWorkflow", Sdf.ValueTypeNames.Int).Set(1)
@@ -196,7 +201,8 @@ def _emit(material: UsdShade.Material, color: UsdShade.Output) -> None:
     surface.CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(color)
 
 
-def _define_shader(material: UsdShade.Material, name: str, identifier: str) -> UsdShade.Shader:
+def define_shader(material: UsdShade.Material, name: str, identifier: str) -> UsdShade.Shader:
+    """A shader of a material, by the name of its node."""
     shader = UsdShade.Shader.Define(material.GetPrim().GetStage(), material.GetPath().AppendChild(name))
     shader.CreateIdAttr(identifier)
     return shader

@@ -221,9 +221,10 @@ class _Contents:
 
 
 def _seen(reader: StageReader, prim: Usd.Prim) -> bool:
-    """Whether a prim is part of the set: ever visible, and not a guide or proxy."""
+    """Whether a prim is part of the set: ever visible, neither a guide or proxy nor Omniverse's box around a volume."""
     purpose = UsdGeom.Imageable(prim).ComputePurpose()
-    return purpose in PARTS_OF_THE_SET and bool(np.any(each_value(reader.visible(prim))))
+    solid = not prim.GetAttribute("primvars:isVolume").Get()
+    return solid and purpose in PARTS_OF_THE_SET and bool(np.any(each_value(reader.visible(prim))))
 
 
 def _prims(stage: Usd.Stage) -> Iterator[Usd.Prim]:

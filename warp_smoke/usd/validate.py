@@ -1,10 +1,11 @@
 """Is this a stage that every DCC accepts: what the public validators and our own checks say, in one list."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from pxr import Tf, Usd, UsdUtils, UsdValidation
+from pxr import Tf, Usd, UsdShade, UsdUtils, UsdValidation
 
 from warp_smoke.usd.checks import Problem, check_stage
 from warp_smoke.usd.find import find_stage
@@ -12,13 +13,16 @@ from warp_smoke.usd.read import read_stage, usd_message
 from warp_smoke.usd.schema import register_schema
 
 _ORDER = ("error", "warning", "info")
+# Outputs of a material for any renderer; those for one have its name before.
+_FOR_ALL = ("surface", "displacement", "volume")
 
 
 def validate_stage(path: str | Path) -> list[Problem]:
     """Looks for what is wrong with a stage, a user's or one with results.
 
     Asked are all validators of usd-core, the rules of usd-validation-nvidia where that is installed, our own checks
-    (`checks`), and the scene reader for what it refuses.
+    (`checks`), and the scene reader for what it refuses. What the public validators say of shaders for one renderer,
+    whose nodes they do not know, is told as an info.
 
     Args:
         path: the stage, or a folder that holds results.
@@ -34,7 +38,9 @@ def validate_stage(path: str | Path) -> list[Problem]:
     quiet = UsdUtils.CoalescingDiagnosticDelegate()  # what USD would print stands in the list
     try:
         stage = Usd.Stage.Open(str(path))
-        problems = [*_ask_usd(stage), *_ask_nvidia(path), *check_stage(stage), *_ask_reader(stage, path)]
+        foreign = _for_one_renderer(stage)
+        asked = [_eased(problem, foreign) for problem in (*_ask_usd(stage), *_ask_nvidia(path))]
+        problems = [*asked, *check_stage(stage), *_ask_reader(stage, path)]
     except Tf.ErrorException as error:  # also while values are read, from a file that is damaged
         return [Problem("error", str(path), usd_message(error.args[0]), "usd")]
     except UnicodeDecodeError:
@@ -50,6 +56,41 @@ def _ask_usd(stage: Usd.Stage) -> Iterator[Problem]:
     for error in UsdValidation.ValidationContext(validators).Validate(stage):
         sites = " ".join(map(_site, error.GetSites())) or stage.GetRootLayer().identifier
         yield Problem(severities[error.GetType()], sites, error.GetMessage(), error.GetValidator().GetMetadata().name)
+
+
+def _for_one_renderer(stage: Usd.Stage) -> set[str]:
+    """Paths, and source files, of shaders that lead only to outputs of their material for one renderer."""
+    names = set()
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        if prim.IsA(UsdShade.Material):
+            outputs = UsdShade.Material(prim).GetOutputs()
+            for_all = {shader for output in outputs if output.GetBaseName() in _FOR_ALL for shader in _upstream(output)}
+            for shader in {shader for output in outputs for shader in _upstream(output)} - for_all:
+                attributes = shader.GetAuthoredPropertiesInNamespace("info")
+                sources = [each.Get() for each in attributes if each.GetName().endswith(":sourceAsset")]
+                names |= {str(shader.GetPath()), *(source.path for source in sources)}
+    return names
+
+
+def _eased(problem: Problem, foreign: set[str]) -> Problem:
+    """A problem as it is, or as an info where it is with what only one renderer knows."""
+    parts = {place.partition(".")[0] for place in problem.where.split()}
+    if parts & foreign or any(name.endswith(".mdl") and name in problem.message for name in foreign):
+        return replace(problem, severity="info")
+    return problem
+
+
+def _upstream(output: UsdShade.Output) -> Iterator[Usd.Prim]:
+    """The prims of the shaders that an output is made of."""
+    found: dict[Usd.Prim, None] = {}
+    waiting = [output]
+    while waiting:
+        for source in waiting.pop().GetConnectedSources()[0]:
+            prim = source.source.GetPrim()
+            if prim not in found:
+                found[prim] = None
+                waiting += source.source.GetInputs()
+    yield from found
 
 
 def _site(site: UsdValidation.ValidationErrorSite) -> str:

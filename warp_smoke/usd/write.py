@@ -72,7 +72,7 @@ def write_results(
     results = Sdf.Layer.CreateAnonymous(".usdc")
     over = Sdf.Layer.CreateAnonymous(".usda")
     for layer in (results, over):
-        _set_metadata(layer, below, scene)
+        set_metadata(layer, below, scene)
     over.subLayerPaths = [results.identifier, below.identifier]
     stage = Usd.Stage.Open(over)
     stage.SetEditTarget(results)
@@ -83,7 +83,7 @@ def write_results(
     define_bakes(stage, bakes)
 
     root = Sdf.Layer.CreateAnonymous(".usda")
-    _set_metadata(root, below, scene)
+    set_metadata(root, below, scene)
     root.subLayerPaths = [f"./{results_path.name}", _relative(source, folder)]
     for path, layer in ((results_path, results), (root_path, root)):
         with replacing_layer(path) as partial:
@@ -108,7 +108,7 @@ def replacing_layer(path: Path) -> Iterator[Path]:
         layer.Reload(force=True)
 
 
-def _set_metadata(layer: Sdf.Layer, source: Sdf.Layer, scene: Scene) -> None:
+def set_metadata(layer: Sdf.Layer, source: Sdf.Layer, scene: Scene) -> None:
     """Copies what the source's root layer says of the stage; its axis, unit and times are the scene's if unset."""
     layer.pseudoRoot.SetInfo("upAxis", scene.up_axis)
     layer.pseudoRoot.SetInfo("metersPerUnit", scene.meters_per_unit)
