@@ -25,14 +25,6 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def _mean_beside(a: wp.array3d[float], block: Block, i: int, j: int, k: int):
-    """The mean of a field in the cells beside a sample."""
-    before = beside(a, block.before)
-    after = beside(a, block.after)
-    return 0.5 * (before[i, j, k] + after[i, j, k])
-
-
-@wp.func
 def end_of_trace(
     block: Block,
     dx: wp.array3d[float],
@@ -49,9 +41,15 @@ def end_of_trace(
 
     The displacement is the mean of those in the cells beside the sample; the end is kept within [lower, upper].
     """
-    x = float(i) + _mean_beside(dx, block, i, j, k)
-    y = float(j) + _mean_beside(dy, block, i, j, k)
-    z = float(k) + _mean_beside(dz, block, i, j, k)
+    x0 = beside(dx, block.before)
+    y0 = beside(dy, block.before)
+    z0 = beside(dz, block.before)
+    x1 = beside(dx, block.after)
+    y1 = beside(dy, block.after)
+    z1 = beside(dz, block.after)
+    x = float(i) + 0.5 * (x0[i, j, k] + x1[i, j, k])
+    y = float(j) + 0.5 * (y0[i, j, k] + y1[i, j, k])
+    z = float(k) + 0.5 * (z0[i, j, k] + z1[i, j, k])
     return clamped_place(a, x, y, z, lower, upper)
 
 

@@ -65,8 +65,10 @@ def _sample_within(
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
+        lowest = low[i, j, k]
+        highest = high[i, j, k]
         x, y, z, _ = end_of_trace(block, dx, dy, dz, i, j, k, a, lower, upper)
-        out[i, j, k] = bits(settle(within(sample(a, x, y, z), low[i, j, k], high[i, j, k])))
+        out[i, j, k] = bits(settle(within(sample(a, x, y, z), lowest, highest)))
         k += 1
 
 

@@ -108,13 +108,13 @@ def clamped_place(a: wp.array3d[float], x: float, y: float, z: float, lower: wp.
 
     Before that (x, y, z) is kept within [lower, upper].
     """
-    x = within(x, lower[0], upper[0])
-    y = within(y, lower[1], upper[1])
-    z = within(z, lower[2], upper[2])
-    cx = within(x, 0.0, float(a.shape[0] - 1))
-    cy = within(y, 0.0, float(a.shape[1] - 1))
-    cz = within(z, 0.0, float(a.shape[2] - 1))
-    return cx, cy, cz, (1.0 - wp.abs(x - cx)) * (1.0 - wp.abs(y - cy)) * (1.0 - wp.abs(z - cz))
+    ex = within(x, lower[0], upper[0])
+    ey = within(y, lower[1], upper[1])
+    ez = within(z, lower[2], upper[2])
+    cx = within(ex, 0.0, float(a.shape[0] - 1))
+    cy = within(ey, 0.0, float(a.shape[1] - 1))
+    cz = within(ez, 0.0, float(a.shape[2] - 1))
+    return cx, cy, cz, (1.0 - wp.abs(ex - cx)) * (1.0 - wp.abs(ey - cy)) * (1.0 - wp.abs(ez - cz))
 
 
 @wp.func
