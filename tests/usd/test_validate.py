@@ -78,6 +78,10 @@ FAULTS = {
         "/World/Box_smoke.field:vel",
     ),
     "no extent": (lambda stage: stage.GetPrimAtPath("/World/Box_smoke").RemoveProperty("extent"), "/World/Box_smoke"),
+    "extent smaller than the smoke": (
+        _set("/World/Box_smoke.extent", [(0, 0, 0), (100, 100, 100)]),
+        "/World/Box_smoke.extent",
+    ),
     "picture missing": (_set(f"{PICTURE}.inputs:file", Sdf.AssetPath("./gone.png")), f"{PICTURE}.inputs:file"),
     "picture missing at one frame": (
         _set(f"{PICTURE}.inputs:file", Sdf.AssetPath("./gone.png"), 6),
@@ -118,6 +122,31 @@ def test_a_planted_fault_is_found(results, fault):
     assert ("error", where) in problems_after(results, plant)
 
 
+def test_a_shader_from_a_file_is_left_to_its_renderer(results):
+    """A node without an identifier, as MDL and glslfx have, is no fault where only its renderer meets it."""
+
+    def plant(stage):
+        shader = UsdShade.Shader.Define(stage, "/World/Looks/Grey/Own")
+        shader.SetSourceAsset(Sdf.AssetPath("OmniPBR.mdl"), "mdl")
+        output = shader.CreateOutput("out", Sdf.ValueTypeNames.Token)
+        UsdShade.Material.Get(stage, "/World/Looks/Grey").CreateSurfaceOutput("mdl").ConnectToSource(output)
+        stage.GetDefaultPrim().GetVariantSet("smokeLook").SetVariantSelection("dcc")
+
+    assert [problem for problem in problems_after(results, plant) if problem[0] != "info"] == []
+
+
+def test_an_unknown_shader_for_all_is_an_error(results):
+    """A node that no one knows, on the output that is for every renderer, is a fault."""
+
+    def plant(stage):
+        shader = UsdShade.Shader.Define(stage, "/World/Looks/Grey/Odd")
+        shader.CreateIdAttr("OddSurface")
+        output = shader.CreateOutput("out", Sdf.ValueTypeNames.Token)
+        UsdShade.Material.Get(stage, "/World/Looks/Grey").CreateSurfaceOutput().ConnectToSource(output)
+
+    assert ("error", "/World/Looks/Grey/Odd.info:id") in problems_after(results, plant)
+
+
 def test_a_light_may_have_inputs_of_other_renderers(results):
     """An input that UsdLux does not know is a warning, not an error."""
 
@@ -141,7 +170,8 @@ def test_a_volume_file_is_looked_into(results, kind):
     if kind == "noise":
         path.write_bytes(np.random.default_rng(0).bytes(1000))
     else:
-        write_vdb(path, [Grid("density", np.ones((2, 2, 2), np.float32), voxel_size=1.0)])
+        grid = Grid("density", np.ones((2, 2, 2), np.float32), voxel_size=1.0, translation=(0.5, 0.5, 0.5))
+        write_vdb(path, [grid])
     found = [problem for problem in validate_stage(results.root) if problem.severity == "error"]
     assert found
     assert {problem.where for problem in found} == {str(path)}

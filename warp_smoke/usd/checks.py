@@ -5,6 +5,7 @@ fields, tokens, unknown inputs.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 
@@ -12,11 +13,12 @@ import numpy as np
 from pxr import Sdf, Sdr, Usd, UsdGeom, UsdLux, UsdShade, UsdVol
 
 from warp_smoke.usd.schema import schema_attributes
-from warp_smoke.vdb import read_grid_names
+from warp_smoke.vdb import read_grid_bounds
 
 SOURCE = "warp-smoke"
 # An extent may be too small by this share of its size: points are stored in single precision.
 EXTENT_TOLERANCE = 1e-5
+GridBounds = Callable[[str], dict[str, np.ndarray | None]]
 _ASSETS = (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray)
 _TOKENS = (Sdf.ValueTypeNames.Token, Sdf.ValueTypeNames.TokenArray)
 
@@ -43,7 +45,7 @@ class Problem:
 
 def check_stage(stage: Usd.Stage) -> Iterator[Problem]:
     """Problems of asset paths, tokens, shader and light inputs, volumes and extents."""
-    grid_names = cache(read_grid_names)  # fields share files
+    grid_bounds = cache(read_grid_bounds)  # fields share files
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         for attribute in prim.GetAuthoredAttributes():
             yield from _check_assets(attribute)
@@ -51,9 +53,10 @@ def check_stage(stage: Usd.Stage) -> Iterator[Problem]:
         yield from _check_inputs(prim)
         if prim.IsA(UsdVol.Volume):
             yield from _check_fields(prim)
+            yield from _check_volume_extent(UsdVol.Volume(prim), grid_bounds)
         elif prim.IsA(UsdVol.OpenVDBAsset):
             yield from _check_frames(UsdVol.OpenVDBAsset(prim).GetFilePathAttr())
-            yield from _check_grids(UsdVol.OpenVDBAsset(prim), grid_names)
+            yield from _check_grids(UsdVol.OpenVDBAsset(prim), grid_bounds)
         if prim.IsA(UsdGeom.Gprim):
             yield from _check_extent(UsdGeom.Boundable(prim))
 
@@ -160,19 +163,42 @@ def _check_frames(files: Usd.Attribute) -> Iterator[Problem]:
             yield Problem("error", where, f"is {name}; most DCCs read only .vdb")
 
 
-def _check_grids(field: UsdVol.OpenVDBAsset, grid_names: Callable[[str], tuple[str, ...]]) -> Iterator[Problem]:
+def _check_grids(field: UsdVol.OpenVDBAsset, grid_bounds: GridBounds) -> Iterator[Problem]:
     """Every file of a field can be read and holds its grid."""
     name = field.GetFieldNameAttr().Get()
-    paths = [path.resolvedPath for path in _values(field.GetFilePathAttr())]
-    for path in dict.fromkeys(path for path in paths if path.endswith(".vdb")):
+    for path in _vdb_files(field):
         try:
-            names = grid_names(path)
+            names = grid_bounds(path)
         except ValueError as error:
             yield Problem("error", path, str(error).removeprefix(f"{path}: "))
             continue
         if name not in names:
             message = f"has no grid {name}, which {field.GetPath()} reads; it has {', '.join(names)}"
             yield Problem("error", path, message)
+
+
+def _check_volume_extent(volume: UsdVol.Volume, grid_bounds: GridBounds) -> Iterator[Problem]:
+    """The extent of a volume holds the active voxels of all its files."""
+    extent = volume.GetExtentAttr()
+    if not extent.HasAuthoredValue() or extent.ValueMightBeTimeVarying():
+        return
+    for path in volume.GetFieldPaths().values():
+        field = UsdVol.OpenVDBAsset.Get(volume.GetPrim().GetStage(), path)
+        if not field or UsdGeom.Xformable(field).GetOrderedXformOps():
+            continue
+        for file in _vdb_files(field):
+            with suppress(ValueError):  # told by `_check_grids`
+                needed = grid_bounds(file).get(field.GetFieldNameAttr().Get())
+                if needed is not None and not _holds(extent.Get(), needed):
+                    message = f"does not hold the grid {field.GetFieldNameAttr().Get()} of {file}; it would be culled"
+                    yield Problem("error", str(extent.GetPath()), message)
+                    return
+
+
+def _vdb_files(field: UsdVol.OpenVDBAsset) -> list[str]:
+    """The files of a field that are there, each once."""
+    paths = [path.resolvedPath for path in _values(field.GetFilePathAttr())]
+    return [path for path in dict.fromkeys(paths) if path.endswith(".vdb")]
 
 
 def _check_extent(boundable: UsdGeom.Boundable) -> Iterator[Problem]:

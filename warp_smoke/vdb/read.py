@@ -6,6 +6,7 @@ that grids share are refused. No byte of a file is trusted: whatever is wrong wi
 """
 
 import os
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -68,19 +69,53 @@ def read_grid_names(path: str | os.PathLike) -> tuple[str, ...]:
         ValueError: the file is cut off or damaged, or too old to say where its grids end.
         OSError: the file cannot be read.
     """
+    return tuple(name for name, _ in _grids(Source(path)))
+
+
+def read_grid_bounds(path: str | os.PathLike) -> dict[str, np.ndarray | None]:
+    """Where the active voxels of each grid are, of whatever type and compression, by its name.
+
+    Returns:
+        Lowest and highest corner of all of them in the file's space, [2, 3]; None where there are none, or where the
+        file does not say it or places its grid by more than scale and translation.
+
+    Raises:
+        ValueError: as for `read_grid_names`.
+        OSError: the file cannot be read.
+    """
     source = Source(path)
+    return {name: _read_bounds(source, start) for name, start in _grids(source)}
+
+
+def _grids(source: Source) -> Iterator[tuple[str, int]]:
+    """Name and start of each grid."""
     has_offsets, count = _read_header(source)
     if not has_offsets:
         raise source.error("does not say where its grids end; allowed: files with offsets")
-    names = []
     for _ in range(count):
-        names.append(_read_name(source))
+        name = _read_name(source)
         _type, _parent = source.string(), source.string()
-        *_, end = source.unpack("<qqq")
-        if not source.position <= end <= len(source.data):
-            raise source.error(f"damaged: grid {names[-1]!r} ends at byte {end} of {len(source.data)}")
+        start, _, end = source.unpack("<qqq")
+        if not source.position <= start <= end <= len(source.data):
+            raise source.error(f"damaged: grid {name!r} ends at byte {end} of {len(source.data)}")
+        yield name, start
         source.position = end
-    return tuple(names)
+
+
+def _read_bounds(source: Source, start: int) -> np.ndarray | None:
+    source.position = start
+    source.unpack("<I")
+    metadata = _read_metadata(source)
+    corners = [metadata.get(name, b"") for name in ("file_bbox_min", "file_bbox_max")]
+    before = source.position
+    if source.string() not in MAPS or any(len(corner) != 12 for corner in corners):
+        return None
+    source.position = before
+    scale, translation = _read_transform(source)
+    first, last = (np.frombuffer(corner, "<i4").astype(float) for corner in corners)
+    if np.any(first > last):
+        return None
+    return np.sort(translation + scale * np.array([first - 0.5, last + 0.5]), axis=0)
 
 
 def _read_header(source: Source) -> tuple[bool, int]:
