@@ -126,7 +126,7 @@ def _picture_bytes(materials: tuple[Material, ...]) -> int:
         try:
             with Image.open(file) as image:
                 texels += image.width * image.height
-        except OSError:
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
             continue
     return 16 * texels
 

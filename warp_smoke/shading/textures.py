@@ -42,7 +42,7 @@ class Picture:
             with Image.open(file) as image:
                 deep = image.mode.startswith("I;16") or any(";16" in str(tile.args) for tile in image.tile)
                 codes, alpha = _read_deep(image, file) if deep else _read_codes(image)
-        except (SyntaxError, Image.DecompressionBombError) as error:  # some damaged files; too large ones
+        except (SyntaxError, ValueError, Image.DecompressionBombError) as error:  # some damaged files; too large ones
             raise OSError(str(error)) from None
         levels = np.linspace(0.0, 1.0, 65536 if codes.dtype == np.uint16 else 256)
         if color_space == "sRGB" or (color_space == "auto" and codes.shape[2] == 3 and not deep):

@@ -66,7 +66,9 @@ class _Instances:
             instancer.GetIdsAttr(),
             instancer.GetInvisibleIdsAttr(),
         ]
-        times = reader.sample_times([attribute for attribute in attributes if attribute])
+        attributes = [attribute for attribute in attributes if attribute]
+        self._check_types(attributes)
+        times = reader.sample_times(attributes)
         self.times = sorted({*times, *whole_times(times)}) if len(times) > 1 else []
         self.at = lru_cache(maxsize=None)(self._at)
         self.every: dict[int, _Instance] = {}
@@ -77,6 +79,14 @@ class _Instances:
                 self._present.setdefault(identity, []).append(time)
                 if known.prototype != instance.prototype:
                     reader.warn(self.prim, "instances that change their prototype are not supported; the first stays")
+
+    def _check_types(self, attributes: list[Usd.Attribute]) -> None:
+        """USD computes transforms and masks of nothing but the types that its schema names."""
+        for attribute in attributes:
+            meant = self.prim.GetPrimDefinition().GetAttributeDefinition(attribute.GetName()).GetTypeName()
+            if attribute.GetTypeName() != meant:
+                shown = f"of type {attribute.GetTypeName()}"
+                raise self._reader.error(self.prim.GetPath(), attribute.GetName(), shown, str(meant))
 
     def _at(self, time: float) -> dict[int, _Instance]:
         """The instances at a time code by their identity."""
