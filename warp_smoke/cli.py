@@ -100,7 +100,8 @@ def run(
     volume_shader
         Also write materials for the smoke, for one renderer, into a layer over the results: NAME.RENDERER.usda.
     watch
-        Show frames in a window as they are made, as many as slow the run by a tenth at most; then all of them.
+        Show frames in a window as they are made, as many as slow the run by a tenth at most, then all of them; the
+        run goes on where the window is closed.
     as_json
         Print the report as JSON.
     """
@@ -140,6 +141,7 @@ def run(
         result = warp_smoke.run(planned, output, resume=resume, checkpoint_every=checkpoint_every, **options)
     if resume and not made:
         _err.print("Finished already: nothing to do without a change, or without --resume")
+    closed_by_user = bool(live and live.closed)
     if live:
         live.close()
     written = [result.stage]
@@ -161,7 +163,7 @@ def run(
     _out.print(summary(result.report), highlight=False)
     for file in written:
         _out.print(f"Wrote {file}", soft_wrap=True, highlight=False)
-    if live:
+    if live and not closed_by_user:
         warp_smoke.preview(result)
 
 

@@ -54,6 +54,19 @@ def test_drawing_never_takes_more_than_its_share(watch, cost):
     assert live.spent + cost >= min(SHARE * 200 * 0.05, 200 * cost) - cost
 
 
+def test_a_window_that_was_closed_draws_no_more(watch):
+    """Told to close, it does at the next frame, and takes frames without a word after that."""
+    live, clock = watch(plume(), 0.001)
+    clock.now += 1.0
+    live._note_close()
+    live(Frame(1, {}, {}, {}))
+    assert live.closed
+    drawn, spent = list(live.drawn), live.spent
+    clock.now += 100.0
+    live(Frame(2, {}, {}, {}))
+    assert (live.drawn, live.spent) == (drawn, spent)
+
+
 def test_frames_of_a_run_look_like_its_results(watch, tmp_path):
     """What is seen at a frame while it is made is what the files show after the run, to the files' half precision."""
     scene = plume(frames=4)

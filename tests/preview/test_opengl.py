@@ -41,7 +41,7 @@ def test_window_without_a_library_names_the_packages(monkeypatch, without, libra
     monkeypatch.setenv("DISPLAY", ":98765")
     without(library)
     with pytest.raises(ImportError, match=r"apt install libgl1 libx11-6$"):
-        opengl.open_window((8, 8))
+        opengl.open_window((8, 8), "a stage")
 
 
 @pytest.mark.parametrize("display", [None, ":98765"])
@@ -52,7 +52,7 @@ def test_window_without_a_display_points_to_screenshot(monkeypatch, display):
         pytest.importorskip("ctypes").CDLL("libX11.so.6")
         monkeypatch.setenv("DISPLAY", display)
     with pytest.raises(ValueError, match="--screenshot"):
-        opengl.open_window((8, 8))
+        opengl.open_window((8, 8), "a stage")
 
 
 def test_environment_is_left_as_it_was(monkeypatch, open_plotter):

@@ -51,6 +51,7 @@ def preview(
     Raises:
         ValueError: bad input, or no display to open a window on.
         OSError: a file cannot be read or written.
+        KeyboardInterrupt: Ctrl-C; it closes the window.
         ImportError: a library or program of the system is missing.
     """
     from warp_smoke.preview import opengl
@@ -89,7 +90,7 @@ def preview(
         else:
             Image.fromarray(pixels).save(screenshot)
     elif movie is None and html is None:
-        plotter = opengl.open_window(size)
+        plotter = opengl.open_window(size, f"{Path(path).name} - warp-smoke")
         window = Window(stage, StageView(stage, plotter, STEP), frame)
         if quantity is not None:
             window.show_quantity(quantity)
@@ -106,7 +107,8 @@ def live_preview(scene: "Scene", size: tuple[int, int] = (640, 480)) -> "LivePre
     from warp_smoke.preview import opengl
     from warp_smoke.preview.live import LivePreview
 
-    return LivePreview(scene, opengl.open_window(size))
+    name = scene.source.name if scene.source else "scene"
+    return LivePreview(scene, opengl.open_window(size, f"{name} - warp-smoke, running"))
 
 
 def _draw(

@@ -68,6 +68,7 @@ class LivePreview:
     Attributes:
         drawn: numbers of the frames that were drawn.
         spent: time that this took while the run waited [s].
+        closed: whether the window was closed; then nothing more is drawn, and the run goes on.
     """
 
     def __init__(self, scene: Scene, plotter: pv.Plotter, clock: Callable[[], float] = perf_counter):
@@ -82,20 +83,34 @@ class LivePreview:
         plotter.update()
         self.drawn: list[int] = []
         self.spent = 0.0
+        self.closed = self._told_to_close = False
+        plotter.iren.add_observer("ExitEvent", self._note_close)
         self._began = clock()
         self._last = self._began - began
 
     def __call__(self, made: SimulatedFrame) -> None:
-        """Draws a frame, unless that would add more than `SHARE` to the time that the run has taken so far."""
+        """Draws a frame, unless that would add more than `SHARE` to the time that the run has taken so far.
+
+        A frame that is not drawn still lets the window answer its user, as long as that takes no more either.
+        """
         began = self._clock()
-        without = began - self._began - self.spent
-        if self.spent + self._last > SHARE * without:
+        allowed = SHARE * (began - self._began - self.spent)
+        if self.closed or self.spent > allowed:
             return
-        self._view.show(self._stage.frame(made))
-        self._plotter.update()
-        self._last = self._clock() - began
-        self.spent += self._last
-        self.drawn.append(made.number)
+        if self.spent + self._last > allowed:
+            self._plotter.iren.process_events()
+            self.spent += self._clock() - began
+        else:
+            self._view.show(self._stage.frame(made))
+            self._plotter.update()
+            self._last = self._clock() - began
+            self.spent += self._last
+            self.drawn.append(made.number)
+        if self._told_to_close:
+            self.close()
+
+    def _note_close(self, *_: object) -> None:
+        self._told_to_close = True
 
     def picture(self) -> np.ndarray:
         """What is drawn, [h, w, 3] uint8 sRGB, top row first."""
@@ -103,4 +118,5 @@ class LivePreview:
 
     def close(self) -> None:
         """Closes the window."""
+        self.closed = True
         self._plotter.close()

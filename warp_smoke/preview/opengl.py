@@ -36,8 +36,8 @@ def open_off_screen(size: tuple[int, int]) -> Plotter:
     return plotter
 
 
-def open_window(size: tuple[int, int]) -> Plotter:
-    """A plotter in a window.
+def open_window(size: tuple[int, int], title: str) -> Plotter:
+    """A plotter in a window with a title.
 
     Raises:
         ValueError: there is no display.
@@ -45,7 +45,7 @@ def open_window(size: tuple[int, int]) -> Plotter:
     """
     if sys.platform == "linux":
         _check_display()
-    return Plotter(off_screen=False, window_size=list(size), lighting=None)
+    return Plotter(off_screen=False, window_size=list(size), lighting=None, title=title)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdVol
+from pxr import Sdf, Tf, Usd, UsdGeom, UsdShade, UsdVol
 
 from warp_smoke.geometry import transform_points
 from warp_smoke.preview.camera import level_axes
@@ -16,7 +16,7 @@ from warp_smoke.scene import Light, SmokeDomain
 from warp_smoke.shading.textures import Picture
 from warp_smoke.usd.find import RESULTS_SUFFIX
 from warp_smoke.usd.material import OWN_LOOK, VARIANT_SET
-from warp_smoke.usd.read import read_scene, read_stage
+from warp_smoke.usd.read import read_scene, read_stage, usd_message
 from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
 from warp_smoke.vdb import read_vdb
 
@@ -57,9 +57,10 @@ class PreviewStage:
     """
 
     def __init__(self, path: str | Path):
-        file = find_stage(path)
+        file = self._file = find_stage(path)
         self.scene = read_scene(file)
         stage = self._stage = Usd.Stage.Open(str(file))
+        self._times = _file_times(stage)
         own = _in_own_look(file)
         if own:  # what bakes show is read from the stage itself, materials from the look that the user gave it
             self.scene = read_stage(own, str(file))
@@ -89,6 +90,22 @@ class PreviewStage:
     def has_results(self) -> bool:
         """Whether there is smoke or baked light on the stage."""
         return bool(self._volumes or self._pictures or self._colors)
+
+    def changed_on_disk(self) -> bool:
+        """Whether a file of the stage's layers is other than the one that was read."""
+        return _file_times(self._stage) != self._times
+
+    def reopened(self) -> "PreviewStage":
+        """The stage as its files are now; this one is of no use then.
+
+        Raises:
+            ValueError: the file is not a stage any more, or something on it is not allowed.
+        """
+        try:
+            self._stage.Reload()
+        except Tf.ErrorException as error:
+            raise ValueError(f"{self._file}: not a USD stage: {usd_message(error.args[0])}") from None
+        return PreviewStage(self._file)
 
     def load(self, number: int, thickness: float = 1.0, quantity: str | None = None) -> Frame:
         """Reads the files of a frame.
@@ -154,6 +171,12 @@ def find_stage(path: str | Path) -> Path:
     if len(names) != 1:
         raise ValueError(f"{path}: holds {len(names)} results {names}; allowed: one, or the path of a stage")
     return path / f"{names[0]}.usda"
+
+
+def _file_times(stage: Usd.Stage) -> dict[str, int]:
+    """When each file of a stage's layers was written, 0 for one that is gone [ns]."""
+    files = [Path(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath]
+    return {str(file): file.stat().st_mtime_ns if file.exists() else 0 for file in files}
 
 
 def _in_own_look(file: Path) -> Usd.Stage | None:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from warp_smoke.preview.live import LiveStage
 
 BACKGROUND, BACKGROUND_TOP = "#26282b", "#70757b"
+# Cosine between a look and the stage's up axis beyond which it is straight down or up.
+STEEPEST = 0.999
 DEFAULT = Material()
 PLAIN = Material(path="/Plain", diffuse_color=(0.5, 0.5, 0.5))
 
@@ -59,7 +61,7 @@ class StageView:
     """
 
     def __init__(self, stage: "PreviewStage | LiveStage", plotter: pv.Plotter, step: float):
-        self._stage, self.plotter = stage, plotter
+        self._stage, self.plotter, self._step = stage, plotter, step
         start = stage.scene.start
         plotter.set_background(BACKGROUND, top=BACKGROUND_TOP)
         plotter.renderer.GetCullers().GetItemAsObject(0).SetSortingStyleToBackToFront()
@@ -117,6 +119,24 @@ class StageView:
         self.follows_camera = follow and self._stage.scene.camera is not None
         self._look(self._frame.number if self._frame is not None else self._stage.scene.start)
         self.plotter.reset_camera_clipping_range()
+
+    def leave_camera(self) -> None:
+        """Stays where it is looked from, upright, also where the stage's camera moves on."""
+        self.follows_camera = False
+        up, camera = np.asarray(self._stage.scene.up, float), self.plotter.camera
+        if abs(up @ camera.direction) < STEEPEST:
+            camera.up = up
+
+    def succeeded_by(self, stage: "PreviewStage") -> "StageView":
+        """A view of another stage in this place: in the same look, and from the same eye unless it follows a camera."""
+        seen = self.plotter.camera.copy()
+        self.plotter.clear()
+        view = StageView(stage, self.plotter, self._step)
+        view.drawn = self.drawn
+        if not self.follows_camera:
+            view.leave_camera()
+            self.plotter.camera = seen
+        return view
 
     def picture(self) -> np.ndarray:
         """What is drawn, [h, w, 3] uint8 sRGB, top row first."""

@@ -1,9 +1,13 @@
 """The window: a view of a stage with sliders, and keys that play it and change what is seen."""
 
-from collections.abc import Callable
+import signal
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from math import log2
 from textwrap import fill
 from time import monotonic
 
@@ -24,15 +28,19 @@ HELP = """space        play, pause
 left, right  a frame back, on
 home, end    first, last frame
 s            smoke
-b            baked light and shadows, or the materials under the stage's lights
-m            materials, or plain grey (where no baked light is shown)
+b            baked light and shadows, or lit materials
+m            materials, or plain grey, where not baked
 l            marks of lights
-c            through the stage's camera, or the whole stage
+c            the stage's camera, or the whole stage
 0            smoke as it looks
-1, 2, 3      a cut that shows density, temperature, speed
+1, 2, 3      a cut: density, temperature, speed
+r            read the stage again
 h            this help
 q            close
-mouse        left turns, middle or shift moves, right or wheel zooms"""
+mouse        left turns, middle moves, wheel zooms"""
+CHANGED = "The stage has changed on disk; r: read it again"
+# Time between looks at the stage's files. [s]
+LOOK_AT_FILES = 1.0
 
 
 class Window:
@@ -46,23 +54,11 @@ class Window:
     """
 
     def __init__(self, stage: PreviewStage, view: StageView, frame: int, clock: Callable[[], float] = monotonic):
-        self._stage, self._view, self._plotter, self._clock = stage, view, view.plotter, clock
-        self._frames = stage.scene.frames
-        self._loader = FrameLoader(stage.load, self._frames)
-        self._wanted = frame
-        self._requested: int | None = frame
-        self._loading: Future[Frame] | None = None
+        self._plotter, self._clock = view.plotter, clock
         self._thickness, self._quantity = 1.0, None
         self._plays_since: float | None = None
-        self._helps = False
-        view.show(self._loader.request(frame).result())
-        self._slider = None
-        if len(self._frames) > 1:
-            self._slider = self._add_slider(self.seek, (self._frames[0], self._frames[-1]), frame, 0.3, 0.7, "", "%.0f")
-        if stage.volumes:
-            self._add_slider(self.set_thickness, THICKNESS_RANGE, 0.0, 0.03, 0.2, "density 2^x", "%.1f")
-        self._add_slider(self.set_exposure, EXPOSURE_RANGE, 0.0, 0.8, 0.97, "exposure [stops]", "%.1f")
-        self._say("hint", "h: help", (0.01, 0.96))
+        self._helps = self._interrupted = False
+        self._looked_at_files = clock()
         self._keys = {
             "space": self._play_or_pause,
             "Left": lambda: self.seek(self._wanted - 1),
@@ -76,23 +72,54 @@ class Window:
             "c": self._switch_camera,
             "0": partial(self.show_quantity, None),
             **{str(n): partial(self.show_quantity, name) for n, name in enumerate(QUANTITIES, 1)},
+            "r": self._reopen,
             "h": self._help,
+            "q": self._end,
         }
+        self._show(stage, view, stage.load(frame))
+
+    def _show(self, stage: PreviewStage, view: StageView, loaded: Frame) -> None:
+        """Fills the window with a stage at a frame, and with the controls that it needs."""
+        self._stage, self._view, self._frames = stage, view, stage.scene.frames
+        self._wanted = self._requested = frame = loaded.number
+        self._loading: Future[Frame] | None = None
+        self._loader = FrameLoader(self._load(), self._frames)
+        view.show(loaded)
+        self._slider = None
+        if len(self._frames) > 1:
+            self._slider = self._add_slider(self.seek, (self._frames[0], self._frames[-1]), frame, 0.3, 0.7, "", "%.0f")
+        if stage.volumes:
+            doublings = log2(self._thickness)
+            self._add_slider(self.set_thickness, THICKNESS_RANGE, doublings, 0.03, 0.2, "density 2^x", "%.1f")
+        stops = view.drawn.exposure
+        self._add_slider(self.set_exposure, EXPOSURE_RANGE, stops, 0.8, 0.97, "exposure [stops]", "%.1f")
+        self._stale = False
+        self._hint()
 
     def run(self) -> None:
-        """Returns when the user closes the window."""
+        """Returns when the user closes the window.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C in the terminal.
+        """
         interactor = self._plotter.iren
         for key, act in self._keys.items():
             interactor.add_key_event(key, act)
         interactor.add_observer("TimerEvent", lambda *_: self.poll())
+        interactor.enable_terrain_style(mouse_wheel_zooms=True, shift_pans=True)  # what is upright stays so
         interactor.initialize()
+        style = interactor.interactor.GetInteractorStyle()
         # VTK's style has other meanings for some of the keys; an observer stands in for them.
-        interactor.interactor.GetInteractorStyle().AddObserver("CharEvent", lambda *_: None)
+        style.AddObserver("CharEvent", lambda *_: None)
+        style.AddObserver("StartInteractionEvent", lambda *_: self._view.leave_camera())
         interactor.create_timer(POLL)
         try:
-            self._plotter.show()
+            with _on_ctrl_c(self._interrupt):
+                self._plotter.show()
         finally:
             self.close()
+        if self._interrupted:
+            raise KeyboardInterrupt
 
     def close(self) -> None:
         """Ends the reading of frames."""
@@ -124,8 +151,32 @@ class Window:
         self._read_again()
 
     def _read_again(self) -> None:
-        self._loader.change(partial(self._stage.load, thickness=self._thickness, quantity=self._quantity))
+        self._loader.change(self._load())
         self._requested = self._loading = None
+
+    def _load(self) -> Callable[[int], Frame]:
+        return partial(self._stage.load, thickness=self._thickness, quantity=self._quantity)
+
+    def _reopen(self) -> None:
+        """Shows the stage as its files are now, in the same look and from the same side."""
+        try:
+            stage = self._stage.reopened()
+            frame = min(max(self._wanted, stage.scene.start), stage.scene.end)
+            loaded = stage.load(frame, self._thickness, self._quantity)
+        except (ValueError, OSError) as error:
+            self._say_error(str(error))
+            return
+        self._loader.close()
+        self._plotter.clear_slider_widgets()
+        self._show(stage, self._view.succeeded_by(stage), loaded)
+        self._plotter.render()
+
+    def _end(self) -> None:
+        self._plotter.iren.terminate_app()
+
+    def _interrupt(self) -> None:
+        self._interrupted = True
+        self._end()
 
     def _play_or_pause(self) -> None:
         self._plays_since = self._clock() if self._plays_since is None else None
@@ -141,11 +192,12 @@ class Window:
 
     def _help(self) -> None:
         self._helps = not self._helps
-        self._say("help", HELP if self._helps else "", (0.05, 0.4))
+        self._say("help", HELP if self._helps else "", (0.02, 0.9))
         self._plotter.render()
 
     def poll(self) -> None:
         """Draws the frame that is wanted once it is there; a slider that is dragged shows what comes in on its way."""
+        self._look_at_files()
         self._play()
         if self._loading is None and self._wanted != self._requested:
             self._requested = self._wanted
@@ -164,18 +216,35 @@ class Window:
         self.seek(self._wanted + 1 if self._wanted < self._frames[-1] else self._frames[0])
 
     def _draw(self, loaded: Future[Frame]) -> None:
-        message = ""
         try:
             self._view.show(loaded.result())
-        except (ValueError, OSError) as error:
-            message = fill(str(error), WIDTH)
-        self._say("error", message, (0.02, 0.85), ERROR_COLOR)
+            self._say_error("")
+        # USD has RuntimeErrors for prims that are gone since their stage was read again in vain.
+        except (ValueError, OSError, RuntimeError) as error:
+            self._say_error(str(error))
+
+    def _look_at_files(self) -> None:
+        """Says, once, that the stage's files have changed."""
+        if self._stale or self._clock() - self._looked_at_files < LOOK_AT_FILES:
+            return
+        self._looked_at_files = self._clock()
+        if self._stage.changed_on_disk():
+            self._stale = True
+            self._hint()
+            self._plotter.render()
+
+    def _hint(self) -> None:
+        self._say("hint", f"h: help   {CHANGED if self._stale else ''}", (0.01, 0.99))
+
+    def _say_error(self, message: str) -> None:
+        self._say("error", fill(message, WIDTH), (0.02, 0.91), ERROR_COLOR)
         self._plotter.render()
 
     def _say(self, name: str, text: str, position: tuple[float, float], color: str = TEXT_COLOR) -> None:
         said = self._plotter.add_text(
             text, position=position, viewport=True, name=name, color=color, font_size=8, font="courier", render=False
         )
+        said.prop.justification_vertical = "top"
         said.prop.background_color, said.prop.background_opacity = "black", 0.6 if "\n" in text else 0.0
 
     def _add_slider(self, act: Callable, limits: tuple, value: float, left: float, right: float, title: str, fmt: str):
@@ -193,3 +262,17 @@ class Window:
             tube_width=0.004,
             interaction_event="always",
         )
+
+
+@contextmanager
+def _on_ctrl_c(act: Callable[[], None]) -> Iterator[None]:
+    """Within, Ctrl-C acts so; VTK's event loop would end the process at Python's own KeyboardInterrupt."""
+    handler = signal.getsignal(signal.SIGINT)
+    if handler is signal.SIG_IGN or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, lambda *_: act())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
