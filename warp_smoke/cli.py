@@ -244,7 +244,7 @@ def preview(
     screenshot
         Save a picture here instead of opening a window.
     movie
-        Save all frames as a movie here instead: .mp4 (needs ffmpeg) or .gif.
+        Save all frames as a movie here instead: .mp4 (needs ffmpeg or the package imageio-ffmpeg) or .gif.
     html
         Save all frames here instead, as pictures in one web page that plays them in any browser.
     show
@@ -254,7 +254,12 @@ def preview(
     """
     pixels = _size(size)
     with _progress_bar() as bar:
-        task = bar.add_task("Drawing", total=None, visible=bool(movie or html))
+        outputs = [file for file in (movie, html) if file is not None]
+        task = bar.add_task("Drawing", total=None, visible=bool(outputs))
+
+        def show_frame(number: int, count: int) -> None:
+            bar.update(task, advance=1, total=len(outputs) * count, description=f"Frame {number}")
+
         warp_smoke.preview(
             path,
             frame=frame,
@@ -263,7 +268,7 @@ def preview(
             movie=movie,
             html=html,
             quantity=show,
-            on_frame=lambda number, last: bar.update(task, advance=1, total=last, description=f"Frame {number}"),
+            on_frame=show_frame,
         )
     for file in filter(None, (screenshot, movie, html)):
         _out.print(f"Wrote {file}", soft_wrap=True, highlight=False)

@@ -6,6 +6,7 @@ import subprocess
 from base64 import b64decode
 from io import BytesIO
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
@@ -42,26 +43,40 @@ def test_page_of_a_stage(results, tmp_path):
     assert not re.search(r"https?:|src=\"", text)
 
 
-@pytest.mark.skipif(not shutil.which("ffmpeg"), reason="needs ffmpeg")
-def test_mp4_plays(tmp_path):
-    """What ffmpeg reads back are the frames that were given, in order; odd sizes lose a row and a column."""
+def test_mp4_plays(tmp_path, monkeypatch):
+    """With imageio-ffmpeg alone: what it reads back are the frames in order; odd sizes lose a row and a column."""
+    monkeypatch.setattr(movie.shutil, "which", lambda name: None)
     pictures = [np.full((61, 81, 3), grey, np.uint8) for grey in (20, 120, 220)]
     write_movie(tmp_path / "grey.mp4", pictures, 24.0)
-    command = [
-        "ffmpeg",
-        "-loglevel",
-        "error",
-        "-i",
-        str(tmp_path / "grey.mp4"),
-        "-f",
-        "rawvideo",
-        "-pix_fmt",
-        "gray",
-        "-",
-    ]
-    raw = subprocess.run(command, capture_output=True, check=True).stdout
-    frames = np.frombuffer(raw, np.uint8).reshape(3, 60, 80)
-    np.testing.assert_allclose(frames.mean(axis=(1, 2)), [20, 120, 220], atol=3)
+    reader = imageio_ffmpeg.read_frames(tmp_path / "grey.mp4", pix_fmt="gray", bits_per_pixel=8)
+    facts = next(reader)
+    assert facts["fps"] == 24.0
+    assert facts["size"] == (80, 60)
+    frames = np.stack([np.frombuffer(frame, np.uint8) for frame in reader])
+    np.testing.assert_allclose(frames.mean(axis=1), [20, 120, 220], atol=3)
+
+
+@pytest.mark.skipif(not shutil.which("chromium"), reason="needs Debian's chromium")
+def test_a_browser_shows_the_page(results, tmp_path):
+    """Chromium, without a network, draws the first frame's picture, and finds the slider and the frame's number."""
+    preview(results, html=tmp_path / "ball.html", size=SIZE)
+    command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    command += ["--host-resolver-rules=MAP * ~NOTFOUND", f"--screenshot={tmp_path / 'seen.png'}"]
+    command += ["--window-size=640,520", "--dump-dom", (tmp_path / "ball.html").as_uri()]
+    page = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
+    assert "<output>frame 3</output>" in page
+    assert 'max="1"' in page
+    seen = np.asarray(Image.open(tmp_path / "seen.png").convert("RGB")).astype(int)
+    floor = np.abs(seen - 200).max(axis=2) < 8  # as baked
+    assert floor.sum() > 5000
+    assert np.ptp(np.nonzero(floor)[1]) > 500  # the picture fills the window
+
+
+def test_two_outputs_at_once(results, tmp_path):
+    """A movie and a page of one call have the same frames."""
+    preview(results, movie=tmp_path / "ball.gif", html=tmp_path / "ball.html", size=SIZE)
+    assert Image.open(tmp_path / "ball.gif").n_frames == 2
+    assert "const numbers = [3, 4];" in (tmp_path / "ball.html").read_text()
 
 
 def test_no_ffmpeg_is_said_before_anything_is_drawn(results, tmp_path, monkeypatch):
@@ -73,7 +88,24 @@ def test_no_ffmpeg_is_said_before_anything_is_drawn(results, tmp_path, monkeypat
     assert not list(tmp_path.iterdir())
 
 
-def test_other_formats_are_refused(results, tmp_path):
-    """A name that says no known format is bad input."""
-    with pytest.raises(ValueError, match=r"movie is .*ball\.avi; allowed: a name that ends in \.mp4 or \.gif"):
-        preview(results, movie=tmp_path / "ball.avi")
+@pytest.mark.parametrize(
+    ("kind", "name", "allowed"),
+    [
+        ("movie", "ball.avi", r"\.mp4, \.gif"),
+        ("html", "ball.txt", r"\.html, \.htm"),
+        ("screenshot", "ball.gif", r"\.png,"),
+    ],
+)
+def test_other_formats_are_refused(results, tmp_path, kind, name, allowed):
+    """A name that says no known format is bad input, refused with the known ones before anything is drawn."""
+    with pytest.raises(ValueError, match=rf"{kind} is .*{name}; allowed: a name that ends in {allowed}"):
+        preview(results, **{kind: tmp_path / name})
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.gif", "a.html"])
+def test_a_folder_that_is_not_there(results, tmp_path, name):
+    """A file in no folder is refused before anything is drawn."""
+    kind = {".png": "screenshot", ".gif": "movie", ".html": "html"}[name[1:]]
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        preview(results, **{kind: tmp_path / "nowhere" / name}, on_frame=pytest.fail)

@@ -1,5 +1,7 @@
 """A look at a stage: the window, and pictures, movies and pages of it; the only part that imports pyvista."""
 
+import errno
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -54,9 +56,9 @@ def preview(
         KeyboardInterrupt: Ctrl-C; it closes the window.
         ImportError: a library or program of the system is missing.
     """
+    from warp_smoke.preview import movie as movies
     from warp_smoke.preview import opengl
-    from warp_smoke.preview.movie import check_movie, write_movie
-    from warp_smoke.preview.page import write_page
+    from warp_smoke.preview import page as pages
     from warp_smoke.preview.slices import QUANTITIES
     from warp_smoke.preview.stage import PreviewStage
     from warp_smoke.preview.view import StageView
@@ -71,17 +73,17 @@ def preview(
         raise ValueError(f"{path}: frame is {frame}; allowed: {frames[0]} to {frames[-1]}")
     if quantity is not None and quantity not in QUANTITIES:
         raise ValueError(f"quantity is {quantity}; allowed: {', '.join(QUANTITIES)}")
-    if screenshot is not None and Path(screenshot).suffix.lower() not in PICTURES:
-        raise ValueError(f"screenshot is {screenshot}; allowed: a name that ends in {', '.join(PICTURES)}")
-    if movie is not None:
-        check_movie(Path(movie))
+    files = (("screenshot", screenshot, PICTURES), ("movie", movie, movies.FORMATS), ("html", html, pages.FORMATS))
+    for kind, file, formats in files:
+        if file is not None:
+            _check_file(kind, Path(file), formats)
     rate = stage.scene.time_codes_per_second
-    if movie is not None or html is not None:
-        pictures = list(_draw(stage, frames, size, quantity, on_frame))
-        if movie is not None:
-            write_movie(Path(movie), pictures, rate)
-        if html is not None:
-            write_page(Path(html), pictures, frames, rate, Path(path).name)
+    if movie is not None:
+        movies.check_movie(Path(movie))
+        movies.write_movie(Path(movie), _draw(stage, frames, size, quantity, on_frame), rate)
+    if html is not None:
+        pictures = _draw(stage, frames, size, quantity, on_frame)
+        pages.write_page(Path(html), pictures, frames, rate, Path(path).name)
     notebook = screenshot is None and movie is None and html is None and _in_notebook()
     if screenshot is not None or notebook:
         (pixels,) = _draw(stage, [frame], size, quantity, None)
@@ -109,6 +111,14 @@ def live_preview(scene: "Scene", size: tuple[int, int] = (640, 480)) -> "LivePre
 
     name = scene.source.name if scene.source else "scene"
     return LivePreview(scene, opengl.open_window(size, f"{name} - warp-smoke, running"))
+
+
+def _check_file(kind: str, file: Path, formats: tuple[str, ...]) -> None:
+    """Refuses, before anything is drawn, a file whose format is not known or whose folder is not there."""
+    if file.suffix.lower() not in formats:
+        raise ValueError(f"{kind} is {file}; allowed: a name that ends in {', '.join(formats)}")
+    if not file.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(file.parent))
 
 
 def _draw(

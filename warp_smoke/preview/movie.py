@@ -15,14 +15,11 @@ FORMATS = (".mp4", ".gif")
 
 
 def check_movie(file: Path) -> None:
-    """Refuses, before anything is drawn, a movie that could not be written.
+    """Refuses, before anything is drawn, an .mp4 that could not be written.
 
     Raises:
-        ValueError: the file's name ends neither in .mp4 nor in .gif.
-        ImportError: there is no ffmpeg for an .mp4.
+        ImportError: there is no ffmpeg.
     """
-    if file.suffix.lower() not in FORMATS:
-        raise ValueError(f"movie is {file}; allowed: a name that ends in {' or '.join(FORMATS)}")
     if file.suffix.lower() == ".mp4":
         _find_ffmpeg()
 

@@ -14,6 +14,7 @@ from PIL import Image
 
 from warp_smoke.files import write_text
 
+FORMATS = (".html", ".htm")
 QUALITY = 90
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
