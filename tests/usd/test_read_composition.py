@@ -87,3 +87,127 @@ def test_a_mirror_and_a_left_hand_together_face_outwards(tmp_path):
     np.testing.assert_allclose(normals(one), [[0, 0, 1]] * 2)
     # Left-handed in its own space means that the mesh faces −z there; a mirror along x does not change z.
     np.testing.assert_allclose(normals(two), [[0, 0, -1]] * 2)
+
+
+ROOM = """#usda 1.0
+( defaultPrim = "Room" )
+class "_class_Warm" { color3f inputs:color = (1, 0.5, 0.25) }
+def Xform "Room" {
+    def Mesh "Floor" ( prepend apiSchemas = ["SmokeReceiverAPI", "MaterialBindingAPI"] ) {
+        int[] faceVertexCounts = [4, 4]
+        int[] faceVertexIndices = [0, 1, 4, 3, 1, 2, 5, 4]
+        point3f[] points.timeSamples = {
+            1: [(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 0, 1), (1, 0, 1), (2, 0, 1)],
+            5: [(0, 1, 0), (1, 0, 0), (2, 0, 0), (0, 0, 1), (1, 0, 1), (2, 2, 1)],
+        }
+        texCoord2f[] primvars:st = [(0, 0), (1, 0), (0, 1), (1, 1)] ( interpolation = "faceVarying" )
+        int[] primvars:st:indices = [0, 1, 3, 2, 0, 1, 3, 2]
+        uniform token subsetFamily:materialBind:familyType = "nonOverlapping"
+        rel material:binding = </Room/Looks/Red>
+        def GeomSubset "Half" ( prepend apiSchemas = ["MaterialBindingAPI"] ) {
+            uniform token elementType = "face"
+            uniform token familyName = "materialBind"
+            int[] indices = [1]
+            rel material:binding = </Room/Looks/Blue>
+        }
+    }
+    def Xform "Props" {
+        token visibility.timeSamples = { 1: "inherited", 3: "invisible" }
+        def Capsule "Source" ( prepend apiSchemas = ["SmokeEmitterAPI"] ) {
+            float smoke:density.timeSamples = { 1: 1, 4: 0.5 } }
+        def Cone "Wall" ( prepend apiSchemas = ["SmokeColliderAPI"] ) {}
+        def Cube "Proxy" { uniform token purpose = "proxy" }
+        def Cube "Fine" { uniform token purpose = "render" }
+        def Cube "Off" ( active = false ) {}
+    }
+    def PointInstancer "Stones" {
+        rel prototypes = [</Room/Stones/A>, </Room/Stones/B>]
+        int[] protoIndices = [0, 1, 0]
+        point3f[] positions = [(0, 0, 0), (3, 0, 0), (0, 3, 0)]
+        float3[] scales = [(1, 1, 1), (-1, 1, 1), (2, 2, 2)]
+        def Sphere "A" {}
+        def Xform "B" { def Cylinder "Post" ( prepend apiSchemas = ["SmokeColliderAPI"] ) {} }
+    }
+    def SphereLight "Spot" ( prepend apiSchemas = ["ShapingAPI", "ShadowAPI"]
+        prepend inherits = </_class_Warm> ) {
+        float inputs:intensity.timeSamples = { 1: 3, 5: 7 }
+        float inputs:shaping:cone:angle = 30
+        bool inputs:shadow:enable = false
+        rel collection:lightLink:includes = [</Room/Floor>, </Room/Props>]
+        uniform bool collection:lightLink:includeRoot = 0
+    }
+    def DistantLight "Sun" ( prepend specializes = </_class_Warm> ) {
+        double xformOp:rotateX.timeSamples = { 1: -90, 5: -30 }
+        uniform token[] xformOpOrder = ["xformOp:rotateX"]
+    }
+    def Camera "Eye" { float focalLength = 35 }
+    def Scope "Looks" {
+        def Material "Red" ( prepend references = </Room/Looks/Base> ) {
+            over "S" { color3f inputs:diffuseColor = (1, 0, 0) } }
+        def Material "Blue" ( prepend references = </Room/Looks/Base> ) {
+            over "S" { color3f inputs:diffuseColor = (0, 0, 1) } }
+        def Material "Base" {
+            token outputs:surface.connect = </Room/Looks/Base/S.outputs:surface>
+            def Shader "S" { uniform token info:id = "UsdPreviewSurface"
+                token outputs:surface }
+        }
+    }
+}
+"""
+
+
+@pytest.mark.parametrize("instanceable", [False, True])
+def test_a_whole_room_as_if_flattened(tmp_path, instanceable):
+    """Every kind of prim, two sublayers and two references deep with times stretched and shifted, and mirrored."""
+    (tmp_path / "room.usda").write_text(ROOM.replace(" }", "\n}\n"))
+    (tmp_path / "shot.usda").write_text(
+        f"""#usda 1.0
+        def Xform "World" {{
+            def "One" (
+                prepend references = @./room.usda@ (offset = 2; scale = 3)
+                instanceable = {str(instanceable).lower()}
+            )
+            {{
+                float3 xformOp:scale = (1, -1, 2)
+                uniform token[] xformOpOrder = ["xformOp:scale"]
+            }}
+            def "Two" (
+                prepend payload = @./room.usda@
+                instanceable = {str(instanceable).lower()}
+            )
+            {{
+                double3 xformOp:translate = (10, 0, 0)
+                uniform token[] xformOpOrder = ["xformOp:translate"]
+            }}
+        }}"""
+    )
+    path = tmp_path / "stage.usda"
+    path.write_text("""#usda 1.0
+        (
+            defaultPrim = "World"
+            metersPerUnit = 1
+            startTimeCode = 1
+            endTimeCode = 20
+            subLayers = [@./shot.usda@ (offset = 1; scale = 0.5)]
+        )
+        over "World" {}""")
+    stage = Usd.Stage.Open(str(path))
+    for prim in stage.Traverse():
+        prim.SetInstanceable(False)
+    flat = tmp_path / "flat.usda"
+    stage.Flatten().Export(str(flat))
+    scene, flattened = Scene.open(path), Scene.open(flat)
+    for name in ("emitters", "colliders", "surfaces", "lights", "camera", "ambient"):
+        assert getattr(scene, name) == getattr(flattened, name), name
+    assert len(scene.emitters) == 2
+    assert len(scene.colliders) == 4
+    assert len(scene.lights) == 4
+    assert [len(each.materials) for each in scene.surfaces if each.path.endswith("Floor")] == [2, 2]
+    floor = next(each for each in scene.surfaces if each.path == "/World/One/Floor")
+    # 1 and 5 in the room: · 3 + 2 in the shot, · 0.5 + 1 on the stage.
+    np.testing.assert_array_equal(floor.mesh.points.times, [3.5, 9.5])
+    spot = next(each for each in scene.lights if each.path == "/World/One/Spot")
+    assert spot.illuminates is not None
+    assert "/World/One/Floor" in spot.illuminates
+    assert "/World/Two/Floor" not in spot.illuminates
+    assert not [path for path in spot.illuminates if "Stones" in path]
