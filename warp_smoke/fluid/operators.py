@@ -34,6 +34,36 @@ def face_weight(n: int, last: int, lower: float, upper: float):
     return wp.where(n == 0, lower, wp.where(n == last, upper, 1.0))
 
 
+@wp.func
+def _outflow(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float], i: int, j: int, k: int):
+    """Σ (u₊ − u₋) of a cell."""
+    fu = dense(u)
+    fv = dense(v)
+    fw = dense(w)
+    along_i = fu[i + 1, j, k] - fu[i, j, k]
+    along_j = fv[i, j + 1, k] - fv[i, j, k]
+    along_k = fw[i, j, k + 1] - fw[i, j, k]
+    return along_i + along_j + along_k
+
+
+@wp.func
+def _step_across_i(pressure: wp.array3d[float], i: int, j: int, k: int, lower: float, upper: float):
+    """Weighted difference a (q_i − q_(i−1)) on face i, with q = 0 outside."""
+    n = pressure.shape[0]
+    q = dense(pressure)
+    a = face_weight(i, n, lower, upper)
+    return wp.where(i < n, a, 0.0) * q[wp.min(i, n - 1), j, k] - wp.where(i > 0, a, 0.0) * q[wp.max(i - 1, 0), j, k]
+
+
+@wp.func
+def _step_across_j(pressure: wp.array3d[float], i: int, j: int, k: int, lower: float, upper: float):
+    """Weighted difference a (q_j − q_(j−1)) on face j, with q = 0 outside."""
+    n = pressure.shape[1]
+    q = dense(pressure)
+    a = face_weight(j, n, lower, upper)
+    return wp.where(j < n, a, 0.0) * q[i, wp.min(j, n - 1), k] - wp.where(j > 0, a, 0.0) * q[i, wp.max(j - 1, 0), k]
+
+
 @wp.kernel
 def _measure_divergence(
     rows: Rows,
@@ -45,17 +75,11 @@ def _measure_divergence(
     """d_ijk = u_(i+1) − u_i + v_(j+1) − v_j + w_(k+1) − w_k."""
     i, j, c = wp.tid()
     i += rows.first
-    fu = dense(u)
-    fv = dense(v)
-    fw = dense(w)
     d = dense_store(divergence_out)
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, divergence_out.shape[2])
     while k < end:
-        along_i = fu[i + 1, j, k] - fu[i, j, k]
-        along_j = fv[i, j + 1, k] - fv[i, j, k]
-        along_k = fw[i, j, k + 1] - fw[i, j, k]
-        d[i, j, k] = bits(along_i + along_j + along_k)
+        d[i, j, k] = bits(_outflow(u, v, w, i, j, k))
         k += 1
 
 
@@ -71,18 +95,12 @@ def _measure_fluid_divergence(
     """d_ijk = fluid_ijk (u_(i+1) − u_i + v_(j+1) − v_j + w_(k+1) − w_k)."""
     i, j, c = wp.tid()
     i += rows.first
-    fu = dense(u)
-    fv = dense(v)
-    fw = dense(w)
     f = dense(fluid)
     d = dense_store(divergence_out)
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, divergence_out.shape[2])
     while k < end:
-        along_i = fu[i + 1, j, k] - fu[i, j, k]
-        along_j = fv[i, j + 1, k] - fv[i, j, k]
-        along_k = fw[i, j, k + 1] - fw[i, j, k]
-        d[i, j, k] = bits(f[i, j, k] * (along_i + along_j + along_k))
+        d[i, j, k] = bits(f[i, j, k] * _outflow(u, v, w, i, j, k))
         k += 1
 
 
@@ -110,25 +128,15 @@ def _subtract_gradient(
     end = wp.min(start + rows.run, nz)
 
     if j < ny:
-        a = face_weight(i, nx, lower[0], upper[0])
-        here = wp.min(i, nx - 1)
-        before = wp.max(i - 1, 0)
-        a_here = wp.where(i < nx, a, 0.0)
-        a_before = wp.where(i > 0, a, 0.0)
         k = start
         while k < end:
-            u[i, j, k] = u[i, j, k] - (a_here * q[here, j, k] - a_before * q[before, j, k])
+            u[i, j, k] = u[i, j, k] - _step_across_i(pressure, i, j, k, lower[0], upper[0])
             k += 1
 
     if i < nx:
-        a = face_weight(j, ny, lower[1], upper[1])
-        here = wp.min(j, ny - 1)
-        before = wp.max(j - 1, 0)
-        a_here = wp.where(j < ny, a, 0.0)
-        a_before = wp.where(j > 0, a, 0.0)
         k = start
         while k < end:
-            v[i, j, k] = v[i, j, k] - (a_here * q[i, here, k] - a_before * q[i, before, k])
+            v[i, j, k] = v[i, j, k] - _step_across_j(pressure, i, j, k, lower[1], upper[1])
             k += 1
 
     if i < nx and j < ny:
@@ -172,25 +180,15 @@ def _subtract_weighted_gradient(
     end = wp.min(start + rows.run, nz)
 
     if j < ny:
-        a = face_weight(i, nx, lower[0], upper[0])
-        here = wp.min(i, nx - 1)
-        before = wp.max(i - 1, 0)
-        a_here = wp.where(i < nx, a, 0.0)
-        a_before = wp.where(i > 0, a, 0.0)
         k = start
         while k < end:
-            u[i, j, k] = u[i, j, k] - ox[i, j, k] * (a_here * q[here, j, k] - a_before * q[before, j, k])
+            u[i, j, k] = u[i, j, k] - ox[i, j, k] * _step_across_i(pressure, i, j, k, lower[0], upper[0])
             k += 1
 
     if i < nx:
-        a = face_weight(j, ny, lower[1], upper[1])
-        here = wp.min(j, ny - 1)
-        before = wp.max(j - 1, 0)
-        a_here = wp.where(j < ny, a, 0.0)
-        a_before = wp.where(j > 0, a, 0.0)
         k = start
         while k < end:
-            v[i, j, k] = v[i, j, k] - oy[i, j, k] * (a_here * q[i, here, k] - a_before * q[i, before, k])
+            v[i, j, k] = v[i, j, k] - oy[i, j, k] * _step_across_j(pressure, i, j, k, lower[1], upper[1])
             k += 1
 
     if i < nx and j < ny:

@@ -6,7 +6,7 @@ import scipy.sparse.csgraph
 import warp as wp
 
 from warp_smoke.fluid.grid import Box, grown
-from warp_smoke.fluid.pressure.sums import Sums, dense_parts
+from warp_smoke.fluid.pressure.sums import Sums, clear_part, dense_parts
 from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
@@ -28,10 +28,7 @@ def _sum_rows(rows: Rows, field: wp.array3d[float], parts_out: wp.array3d[wp.flo
     parts = dense_parts(parts_out)
     start = wp.max(c * rows.run, 0)
     end = wp.min(start + rows.run, field.shape[2])
-    k = start
-    while k < end:
-        parts[0, i, k] = wp.float64(0.0)
-        k += 1
+    clear_part(parts, 0, i, start, end)
     j = wp.int32(0)
     while j < field.shape[1]:
         k = start

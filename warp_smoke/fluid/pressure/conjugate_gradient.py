@@ -5,7 +5,7 @@ import warp as wp
 from warp_smoke.fluid.pressure.iterative import IterativePressure, Residual, laplacian
 from warp_smoke.fluid.pressure.preconditioner import Preconditioner
 from warp_smoke.fluid.pressure.status import PressureProblem
-from warp_smoke.fluid.pressure.sums import dense_parts
+from warp_smoke.fluid.pressure.sums import add_product, add_residual, clear_part, dense_parts
 from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
@@ -26,25 +26,18 @@ def _apply_laplacian(
     i, _, c = wp.tid()
     i += rows.first
     p = dense(padded)
-    ox = dense(wx)
-    oy = dense(wy)
-    oz = dense(wz)
-    middle = dense(centre)
     a = dense(a_out)
     parts = dense_parts(parts_out)
     start = wp.max(c * rows.run, 0)
     end = wp.min(start + rows.run, a_out.shape[2])
-    k = start
-    while k < end:
-        parts[0, i, k] = wp.float64(0.0)
-        k += 1
+    clear_part(parts, 0, i, start, end)
     j = wp.int32(0)
     while j < a_out.shape[1]:
         k = start
         while k < end:
-            value = laplacian(p, ox, oy, oz, middle, i, j, k)
+            value = laplacian(padded, wx, wy, wz, centre, i, j, k)
             a[i, j, k] = value
-            parts[0, i, k] = parts[0, i, k] + wp.float64(p[i + 1, j + 1, k + 1]) * wp.float64(value)
+            add_product(parts, i, k, p[i + 1, j + 1, k + 1], value)
             k += 1
         j += 1
 
@@ -69,12 +62,9 @@ def _descend(
     parts = dense_parts(parts_out)
     start = wp.max(c * rows.run, 0)
     end = wp.min(start + rows.run, a.shape[2])
-    k = start
-    while k < end:
-        parts[0, i, k] = wp.float64(0.0)
-        parts[1, i, k] = wp.float64(0.0)
-        parts[2, i, k] = wp.float64(0.0)
-        k += 1
+    clear_part(parts, 0, i, start, end)
+    clear_part(parts, 1, i, start, end)
+    clear_part(parts, 2, i, start, end)
     j = wp.int32(0)
     while j < a.shape[1]:
         k = start
@@ -84,9 +74,7 @@ def _descend(
             parts[2, i, k] = wp.max(parts[2, i, k], wp.float64(wp.abs(pressure)))
             value = r[i, j, k] - step * change[i, j, k]
             r[i, j, k] = value
-            wide = wp.float64(value)
-            parts[0, i, k] = parts[0, i, k] + wide * wide
-            parts[1, i, k] = wp.max(parts[1, i, k], wp.abs(wide))
+            add_residual(parts, 0, i, k, value)
             k += 1
         j += 1
 

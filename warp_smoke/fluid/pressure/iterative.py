@@ -18,7 +18,7 @@ from warp_smoke.fluid.halo import copy_samples
 from warp_smoke.fluid.operators import face_weight, side_weights
 from warp_smoke.fluid.pressure.components import ClosedComponents
 from warp_smoke.fluid.pressure.status import PressureProblem, PressureStatus
-from warp_smoke.fluid.pressure.sums import Sums, dense_parts
+from warp_smoke.fluid.pressure.sums import Sums, add_residual, clear_part, dense_parts
 from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
@@ -75,7 +75,7 @@ def _start(rows: Rows, fluid: wp.array3d[float], q_inout: wp.array3d[float], pad
 
 @wp.func
 def laplacian(
-    p: wp.array3d[float],
+    padded: wp.array3d[float],
     wx: wp.array3d[float],
     wy: wp.array3d[float],
     wz: wp.array3d[float],
@@ -84,11 +84,16 @@ def laplacian(
     j: int,
     k: int,
 ):
-    """Σ w p_neighbour − centre p, with p padded by a layer of zeros, so that sides need no branch."""
-    along_i = wx[i, j, k] * p[i, j + 1, k + 1] + wx[i + 1, j, k] * p[i + 2, j + 1, k + 1]
-    along_j = wy[i, j, k] * p[i + 1, j, k + 1] + wy[i, j + 1, k] * p[i + 1, j + 2, k + 1]
-    along_k = wz[i, j, k] * p[i + 1, j + 1, k] + wz[i, j, k + 1] * p[i + 1, j + 1, k + 2]
-    return along_i + along_j + along_k - centre[i, j, k] * p[i + 1, j + 1, k + 1]
+    """Σ w q_neighbour − centre q, with q padded by a layer of zeros, so that sides need no branch."""
+    q = dense(padded)
+    ox = dense(wx)
+    oy = dense(wy)
+    oz = dense(wz)
+    middle = dense(centre)
+    along_i = ox[i, j, k] * q[i, j + 1, k + 1] + ox[i + 1, j, k] * q[i + 2, j + 1, k + 1]
+    along_j = oy[i, j, k] * q[i + 1, j, k + 1] + oy[i, j + 1, k] * q[i + 1, j + 2, k + 1]
+    along_k = oz[i, j, k] * q[i + 1, j + 1, k] + oz[i, j, k + 1] * q[i + 1, j + 1, k + 2]
+    return along_i + along_j + along_k - middle[i, j, k] * q[i + 1, j + 1, k + 1]
 
 
 @wp.kernel
@@ -108,29 +113,20 @@ def _measure_residual(
     i += rows.first
     p = dense(padded)
     d = dense(divergence)
-    ox = dense(wx)
-    oy = dense(wy)
-    oz = dense(wz)
-    middle = dense(centre)
     r = dense(residual_out)
     parts = dense_parts(parts_out)
     start = wp.max(c * rows.run, 0)
     end = wp.min(start + rows.run, divergence.shape[2])
-    k = start
-    while k < end:
-        parts[0, i, k] = wp.float64(0.0)
-        parts[1, i, k] = wp.float64(0.0)
-        parts[2, i, k] = wp.float64(0.0)
-        k += 1
+    clear_part(parts, 0, i, start, end)
+    clear_part(parts, 1, i, start, end)
+    clear_part(parts, 2, i, start, end)
     j = wp.int32(0)
     while j < divergence.shape[1]:
         k = start
         while k < end:
-            value = d[i, j, k] - laplacian(p, ox, oy, oz, middle, i, j, k)
+            value = d[i, j, k] - laplacian(padded, wx, wy, wz, centre, i, j, k)
             r[i, j, k] = value
-            wide = wp.float64(value)
-            parts[0, i, k] = parts[0, i, k] + wide * wide
-            parts[1, i, k] = wp.max(parts[1, i, k], wp.abs(wide))
+            add_residual(parts, 0, i, k, value)
             parts[2, i, k] = wp.max(parts[2, i, k], wp.float64(wp.abs(p[i + 1, j + 1, k + 1])))
             k += 1
         j += 1
@@ -145,18 +141,13 @@ def _measure_field(rows: Rows, a: wp.array3d[float], parts_out: wp.array3d[wp.fl
     parts = dense_parts(parts_out)
     start = wp.max(c * rows.run, 0)
     end = wp.min(start + rows.run, a.shape[2])
-    k = start
-    while k < end:
-        parts[0, i, k] = wp.float64(0.0)
-        parts[1, i, k] = wp.float64(0.0)
-        k += 1
+    clear_part(parts, 0, i, start, end)
+    clear_part(parts, 1, i, start, end)
     j = wp.int32(0)
     while j < a.shape[1]:
         k = start
         while k < end:
-            wide = wp.float64(x[i, j, k])
-            parts[0, i, k] = parts[0, i, k] + wide * wide
-            parts[1, i, k] = wp.max(parts[1, i, k], wp.abs(wide))
+            add_residual(parts, 0, i, k, x[i, j, k])
             k += 1
         j += 1
 

@@ -6,7 +6,7 @@ import warp as wp
 
 from warp_smoke.fluid.pressure.iterative import FaceWeights
 from warp_smoke.fluid.pressure.spectral import SpectralPressure
-from warp_smoke.fluid.pressure.sums import Sums, dense_parts
+from warp_smoke.fluid.pressure.sums import Sums, add_product, clear_part, dense_parts
 from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
@@ -54,10 +54,7 @@ def _divide(
     parts = dense_parts(parts_out)
     start = wp.max(c * rows.run, 0)
     end = wp.min(start + rows.run, residual.shape[2])
-    k = start
-    while k < end:
-        parts[0, i, k] = wp.float64(0.0)
-        k += 1
+    clear_part(parts, 0, i, start, end)
     j = wp.int32(0)
     while j < residual.shape[1]:
         k = start
@@ -65,7 +62,7 @@ def _divide(
             total = middle[i, j, k]
             value = wp.where(total > 0.0, -r[i, j, k] / wp.max(total, 1.0e-6), 0.0)
             z[i, j, k] = value
-            parts[0, i, k] = parts[0, i, k] + wp.float64(r[i, j, k]) * wp.float64(value)
+            add_product(parts, i, k, r[i, j, k], value)
             k += 1
         j += 1
 
@@ -80,15 +77,12 @@ def _sum_products(rows: Rows, a: wp.array3d[float], b: wp.array3d[float], parts_
     parts = dense_parts(parts_out)
     start = wp.max(c * rows.run, 0)
     end = wp.min(start + rows.run, a.shape[2])
-    k = start
-    while k < end:
-        parts[0, i, k] = wp.float64(0.0)
-        k += 1
+    clear_part(parts, 0, i, start, end)
     j = wp.int32(0)
     while j < a.shape[1]:
         k = start
         while k < end:
-            parts[0, i, k] = parts[0, i, k] + wp.float64(x[i, j, k]) * wp.float64(y[i, j, k])
+            add_product(parts, i, k, x[i, j, k], y[i, j, k])
             k += 1
         j += 1
 

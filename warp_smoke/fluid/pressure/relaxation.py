@@ -20,9 +20,26 @@ _SWEEPS_BETWEEN_CHECKS = 8
 
 
 @wp.func
-def _relaxed(here: float, change: float, centre: float, weight: float):
+def _relaxed(
+    padded: wp.array3d[float],
+    divergence: wp.array3d[float],
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    centre: wp.array3d[float],
+    weight: float,
+    i: int,
+    j: int,
+    k: int,
+):
     """Returns q + weight (L q − d) / Σ a w; 0 where all faces are closed."""
-    return wp.where(centre > 0.0, here + weight * change / wp.max(centre, 1.0e-6), 0.0)
+    q = dense(padded)
+    d = dense(divergence)
+    middle = dense(centre)
+    change = laplacian(padded, wx, wy, wz, centre, i, j, k) - d[i, j, k]
+    here = q[i + 1, j + 1, k + 1]
+    total = middle[i, j, k]
+    return wp.where(total > 0.0, here + weight * change / wp.max(total, 1.0e-6), 0.0)
 
 
 @wp.kernel
@@ -40,18 +57,11 @@ def _relax(
     """q_out = q + weight (L q − d) / Σ a w."""
     i, j, c = wp.tid()
     i += rows.first
-    q = dense(padded)
-    d = dense(divergence)
-    ox = dense(wx)
-    oy = dense(wy)
-    oz = dense(wz)
-    middle = dense(centre)
     after = dense(padded_out)
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, divergence.shape[2])
     while k < end:
-        change = laplacian(q, ox, oy, oz, middle, i, j, k) - d[i, j, k]
-        after[i + 1, j + 1, k + 1] = _relaxed(q[i + 1, j + 1, k + 1], change, middle[i, j, k], weight)
+        after[i + 1, j + 1, k + 1] = _relaxed(padded, divergence, wx, wy, wz, centre, weight, i, j, k)
         k += 1
 
 
@@ -71,17 +81,11 @@ def _relax_color(
     i, j, c = wp.tid()
     i += rows.first
     q = dense(padded_inout)
-    d = dense(divergence)
-    ox = dense(wx)
-    oy = dense(wy)
-    oz = dense(wz)
-    middle = dense(centre)
     start = wp.max(c * rows.run, 0)
     end = wp.min(start + rows.run, divergence.shape[2])
     k = start + (i + j + start + color) % 2
     while k < end:
-        change = laplacian(q, ox, oy, oz, middle, i, j, k) - d[i, j, k]
-        q[i + 1, j + 1, k + 1] = _relaxed(q[i + 1, j + 1, k + 1], change, middle[i, j, k], weight)
+        q[i + 1, j + 1, k + 1] = _relaxed(padded_inout, divergence, wx, wy, wz, centre, weight, i, j, k)
         k += 2
 
 
@@ -102,18 +106,12 @@ def _relax_third(
     i, j, c = wp.tid()
     i += rows.first
     q = dense(padded_inout)
-    d = dense(divergence)
-    ox = dense(wx)
-    oy = dense(wy)
-    oz = dense(wz)
-    middle = dense(centre)
     across = wp.where(i == last[0], 2, i % 2) + wp.where(j == last[1], 2, j % 2)
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, divergence.shape[2])
     while k < end:
         if (across + wp.where(k == last[2], 2, k % 2)) % 3 == color:
-            change = laplacian(q, ox, oy, oz, middle, i, j, k) - d[i, j, k]
-            q[i + 1, j + 1, k + 1] = _relaxed(q[i + 1, j + 1, k + 1], change, middle[i, j, k], weight)
+            q[i + 1, j + 1, k + 1] = _relaxed(padded_inout, divergence, wx, wy, wz, centre, weight, i, j, k)
         k += 1
 
 

@@ -8,7 +8,7 @@ import warp as wp
 
 from warp_smoke.fluid.halo import copy_samples
 from warp_smoke.fluid.pressure.levels import Level
-from warp_smoke.fluid.pressure.sums import Sums, dense_parts
+from warp_smoke.fluid.pressure.sums import Sums, add_product, clear_part, dense_parts
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
@@ -40,14 +40,15 @@ def _start(
 
 
 @wp.func
-def _neighbours(e: wp.array3d[float], x: int, y: int, z: int):
+def _neighbours(correction: wp.array3d[float], x: int, y: int, z: int):
     """Σ e_neighbour: where faces are open or closed and e = 0 in solid cells, this needs no weights."""
+    e = dense(correction)
     return e[x - 1, y, z] + e[x + 1, y, z] + e[x, y - 1, z] + e[x, y + 1, z] + e[x, y, z - 1] + e[x, y, z + 1]
 
 
 @wp.func
 def _weighted_neighbours(
-    e: wp.array3d[float],
+    correction: wp.array3d[float],
     wx: wp.array3d[float],
     wy: wp.array3d[float],
     wz: wp.array3d[float],
@@ -56,10 +57,26 @@ def _weighted_neighbours(
     z: int,
 ):
     """Σ w e_neighbour."""
-    along_x = wx[x, y, z] * e[x - 1, y, z] + wx[x + 1, y, z] * e[x + 1, y, z]
-    along_y = wy[x, y, z] * e[x, y - 1, z] + wy[x, y + 1, z] * e[x, y + 1, z]
-    along_z = wz[x, y, z] * e[x, y, z - 1] + wz[x, y, z + 1] * e[x, y, z + 1]
+    e = dense(correction)
+    ox = dense(wx)
+    oy = dense(wy)
+    oz = dense(wz)
+    along_x = ox[x, y, z] * e[x - 1, y, z] + ox[x + 1, y, z] * e[x + 1, y, z]
+    along_y = oy[x, y, z] * e[x, y - 1, z] + oy[x, y + 1, z] * e[x, y + 1, z]
+    along_z = oz[x, y, z] * e[x, y, z - 1] + oz[x, y, z + 1] * e[x, y, z + 1]
     return along_x + along_y + along_z
+
+
+@wp.func
+def _relaxed(here: float, neighbours: float, right: float, inverse: float, weight: float):
+    """Returns (1 − weight) e + weight (Σ w e_neighbour − d) / Σ w."""
+    return (1.0 - weight) * here + weight * (inverse * (neighbours - right))
+
+
+@wp.func
+def _residual(here: float, neighbours: float, right: float, inverse: float):
+    """Residual d − L e, 0 where the cell has no open face."""
+    return wp.where(inverse > 0.0, right - neighbours + here / wp.max(inverse, 1.0e-6), 0.0)
 
 
 @wp.kernel
@@ -83,8 +100,8 @@ def _sweep(
     end = wp.min(k + rows.run, e.shape[2] - 3)
     while k < end:
         z = k + 1
-        jacobi = m[x, y, z] * (_neighbours(before, x, y, z) - d[x, y, z])
-        after[x, y, z] = bits((1.0 - weight) * before[x, y, z] + weight * jacobi)
+        total = _neighbours(e, x, y, z)
+        after[x, y, z] = bits(_relaxed(before[x, y, z], total, d[x, y, z], m[x, y, z], weight))
         k += 1
 
 
@@ -106,17 +123,14 @@ def _sweep_weighted(
     y = j + 1
     before = dense(e)
     d = dense(source)
-    ox = dense(wx)
-    oy = dense(wy)
-    oz = dense(wz)
     m = dense(inverse)
     after = dense_store(e_out)
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, e.shape[2] - 3)
     while k < end:
         z = k + 1
-        jacobi = m[x, y, z] * (_weighted_neighbours(before, ox, oy, oz, x, y, z) - d[x, y, z])
-        after[x, y, z] = bits((1.0 - weight) * before[x, y, z] + weight * jacobi)
+        total = _weighted_neighbours(e, wx, wy, wz, x, y, z)
+        after[x, y, z] = bits(_relaxed(before[x, y, z], total, d[x, y, z], m[x, y, z], weight))
         k += 1
 
 
@@ -141,20 +155,17 @@ def _sweep_and_sum(
     parts = dense_parts(parts_out)
     start = wp.max(c * rows.run, 0)
     end = wp.min(start + rows.run, e.shape[2] - 3)
-    k = start
-    while k < end:
-        parts[0, i, k] = wp.float64(0.0)
-        k += 1
+    clear_part(parts, 0, i, start, end)
     y = wp.int32(1)
     while y < e.shape[1] - 2:
         k = start
         while k < end:
             z = k + 1
             right = d[x, y, z]
-            jacobi = m[x, y, z] * (_neighbours(before, x, y, z) - right)
-            value = (1.0 - weight) * before[x, y, z] + weight * jacobi
+            total = _neighbours(e, x, y, z)
+            value = _relaxed(before[x, y, z], total, right, m[x, y, z], weight)
             after[x, y, z] = value
-            parts[0, i, k] = parts[0, i, k] + wp.float64(right) * wp.float64(value)
+            add_product(parts, i, k, right, value)
             k += 1
         y += 1
 
@@ -169,42 +180,14 @@ def _sum_products(rows: Rows, a: wp.array3d[float], b: wp.array3d[float], parts_
     parts = dense_parts(parts_out)
     start = wp.max(c * rows.run, 0)
     end = wp.min(start + rows.run, a.shape[2] - 3)
-    k = start
-    while k < end:
-        parts[0, i, k] = wp.float64(0.0)
-        k += 1
+    clear_part(parts, 0, i, start, end)
     y = wp.int32(1)
     while y < a.shape[1] - 2:
         k = start
         while k < end:
-            product = wp.float64(f[i + 1, y, k + 1]) * wp.float64(g[i + 1, y, k + 1])
-            parts[0, i, k] = parts[0, i, k] + product
+            add_product(parts, i, k, f[i + 1, y, k + 1], g[i + 1, y, k + 1])
             k += 1
         y += 1
-
-
-@wp.func
-def _residual(e: wp.array3d[float], d: wp.array3d[float], m: wp.array3d[float], x: int, y: int, z: int):
-    """Residual d − L e, 0 where the cell has no open face."""
-    r = d[x, y, z] - _neighbours(e, x, y, z) + e[x, y, z] / wp.max(m[x, y, z], 1.0e-6)
-    return wp.where(m[x, y, z] > 0.0, r, 0.0)
-
-
-@wp.func
-def _weighted_residual(
-    e: wp.array3d[float],
-    d: wp.array3d[float],
-    wx: wp.array3d[float],
-    wy: wp.array3d[float],
-    wz: wp.array3d[float],
-    m: wp.array3d[float],
-    x: int,
-    y: int,
-    z: int,
-):
-    """Residual d − L e, 0 where the cell has no open face."""
-    r = d[x, y, z] - _weighted_neighbours(e, wx, wy, wz, x, y, z) + e[x, y, z] / wp.max(m[x, y, z], 1.0e-6)
-    return wp.where(m[x, y, z] > 0.0, r, 0.0)
 
 
 @wp.kernel
@@ -226,7 +209,8 @@ def _measure(
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, e.shape[2] - 3)
     while k < end:
-        r[x, y, k + 1] = bits(_residual(f, d, m, x, y, k + 1))
+        z = k + 1
+        r[x, y, z] = bits(_residual(f[x, y, z], _neighbours(e, x, y, z), d[x, y, z], m[x, y, z]))
         k += 1
 
 
@@ -247,15 +231,14 @@ def _measure_weighted(
     y = j + 1
     f = dense(e)
     d = dense(source)
-    ox = dense(wx)
-    oy = dense(wy)
-    oz = dense(wz)
     m = dense(inverse)
     r = dense_store(residual_out)
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, e.shape[2] - 3)
     while k < end:
-        r[x, y, k + 1] = bits(_weighted_residual(f, d, ox, oy, oz, m, x, y, k + 1))
+        z = k + 1
+        total = _weighted_neighbours(e, wx, wy, wz, x, y, z)
+        r[x, y, z] = bits(_residual(f[x, y, z], total, d[x, y, z], m[x, y, z]))
         k += 1
 
 

@@ -11,7 +11,7 @@ import warp as wp
 
 from warp_smoke.fluid.operators import side_weights
 from warp_smoke.fluid.pressure.status import PressureStatus
-from warp_smoke.fluid.pressure.sums import Sums, dense_parts
+from warp_smoke.fluid.pressure.sums import Sums, add_residual, clear_part, dense_parts
 from warp_smoke.fluid.transforms import EVEN, ODD, PERIODIC, FastTransforms, MatrixTransforms, Modes, cell_modes
 from warp_smoke.launch import Launcher, Rows, dense
 
@@ -103,14 +103,10 @@ def _sum_residual(
     parts = dense_parts(parts_out)
     start = wp.max(c * rows.run, 0)
     end = wp.min(start + rows.run, nz)
-    zero = wp.float64(0.0)
-    k = start
-    while k < end:
-        parts[0, i, k] = zero
-        parts[1, i, k] = zero
-        parts[2, i, k] = zero
-        parts[3, i, k] = zero
-        k += 1
+    clear_part(parts, 0, i, start, end)
+    clear_part(parts, 1, i, start, end)
+    clear_part(parts, 2, i, start, end)
+    clear_part(parts, 3, i, start, end)
     # Beyond sides of weight 1 lies the other end; beyond those of weight 2 and 0 nothing.
     i_before = wp.where(i > 0, i - 1, nx - 1)
     i_after = wp.where(i < nx - 1, i + 1, 0)
@@ -133,12 +129,8 @@ def _sum_residual(
             along_j = b0 * q[i, j_before, k] + b1 * q[i, j_after, k] - centre_j * here
             below = wp.where(k > 0, q[i, j, wp.max(k - 1, 0)] - here, lower[2] * (beyond_0 - here))
             above = wp.where(k < nz - 1, q[i, j, wp.min(k + 1, nz - 1)] - here, upper[2] * (beyond_1 - here))
-            s = wp.float64(d[i, j, k])
-            r = wp.float64(d[i, j, k] - imbalance - (along_i + along_j + below + above))
-            parts[0, i, k] = parts[0, i, k] + s * s
-            parts[1, i, k] = wp.max(parts[1, i, k], wp.abs(s))
-            parts[2, i, k] = parts[2, i, k] + r * r
-            parts[3, i, k] = wp.max(parts[3, i, k], wp.abs(r))
+            add_residual(parts, 0, i, k, d[i, j, k])
+            add_residual(parts, 2, i, k, d[i, j, k] - imbalance - (along_i + along_j + below + above))
             k += 1
         j += 1
 

@@ -21,6 +21,15 @@ _GRAIN = 256
 LAST_SWEEPS = 8
 
 
+@wp.func
+def _row_product(first: wp.array[int], column: wp.array[int], value: wp.array[float], a: wp.array[float], n: int):
+    """Row n of a sparse matrix times a."""
+    total = wp.float32(0.0)
+    for m in range(first[n], first[n + 1]):
+        total += value[m] * a[column[m]]
+    return total
+
+
 @wp.kernel
 def _restrict_rows(
     rows: Rows,
@@ -35,9 +44,7 @@ def _restrict_rows(
 ):
     """d_n = Σ value r over row n; first sweep from e = 0: e = −weight d / Σ w."""
     n = rows.first + wp.tid()
-    total = wp.float32(0.0)
-    for m in range(first[n], first[n + 1]):
-        total += value[m] * residual[column[m]]
+    total = _row_product(first, column, value, residual, n)
     source_out[n] = total
     e_out[n] = -weight * inverse[n] * total
 
@@ -56,9 +63,7 @@ def _sweep_rows(
 ):
     """e_out = (1 − weight) e + weight (Σ w e_neighbour − d) / Σ w."""
     n = rows.first + wp.tid()
-    total = wp.float32(0.0)
-    for m in range(first[n], first[n + 1]):
-        total += value[m] * e[column[m]]
+    total = _row_product(first, column, value, e, n)
     e_out[n] = (1.0 - weight) * e[n] + weight * inverse[n] * (total - source[n])
 
 
@@ -75,9 +80,7 @@ def _measure_rows(
 ):
     """Sets r = d − L e, 0 where the cell has no open face."""
     n = rows.first + wp.tid()
-    total = wp.float32(0.0)
-    for m in range(first[n], first[n + 1]):
-        total += value[m] * e[column[m]]
+    total = _row_product(first, column, value, e, n)
     r = source[n] - total + e[n] / wp.max(inverse[n], 1.0e-6)
     residual_out[n] = wp.where(inverse[n] > 0.0, r, 0.0)
 
@@ -94,9 +97,7 @@ def _prolong_rows(
 ):
     """e_out_n = e_n + Σ value E over row n."""
     n = rows.first + wp.tid()
-    total = wp.float32(0.0)
-    for m in range(first[n], first[n + 1]):
-        total += value[m] * coarse[column[m]]
+    total = _row_product(first, column, value, coarse, n)
     e_out[n] = e[n] + total
 
 

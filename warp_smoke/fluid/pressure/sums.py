@@ -11,6 +11,29 @@ def dense_parts(a: wp.array3d[wp.float64]):
     return wp.array(ptr=a.ptr, shape=(a.shape[0], a.shape[1], a.shape[2]), dtype=wp.float64)
 
 
+@wp.func
+def clear_part(parts: wp.array3d[wp.float64], n: int, i: int, start: int, end: int):
+    """Sets the parts of the n-th sum to 0 along a row."""
+    k = start
+    while k < end:
+        parts[n, i, k] = wp.float64(0.0)
+        k += 1
+
+
+@wp.func
+def add_product(parts: wp.array3d[wp.float64], i: int, k: int, a: float, b: float):
+    """Adds a b to the first sum."""
+    parts[0, i, k] = parts[0, i, k] + wp.float64(a) * wp.float64(b)
+
+
+@wp.func
+def add_residual(parts: wp.array3d[wp.float64], n: int, i: int, k: int, r: float):
+    """Adds r² to the n-th sum, and |r| to the maximum that comes after it."""
+    wide = wp.float64(r)
+    parts[n, i, k] = parts[n, i, k] + wide * wide
+    parts[n + 1, i, k] = wp.max(parts[n + 1, i, k], wp.abs(wide))
+
+
 class Sums:
     """Several sums or maxima over one grid.
 
