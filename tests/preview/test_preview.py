@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 from pxr import Usd, UsdGeom
-from scenes import at
+from scenes import at, plume
 
 import warp_smoke as ws
 from warp_smoke.geometry import transform_points
+from warp_smoke.lattice import place_lattice
 from warp_smoke.preview import preview
 from warp_smoke.preview.camera import camera_view
 from warp_smoke.preview.color import linear_to_srgb
@@ -135,6 +136,31 @@ def test_smoke_lies_where_the_lattice_put_it(results):
     last = np.array(smoke.rgba.shape[:3]) - 1
     corners = transform_points(smoke.to_world, [np.zeros(3), last])
     np.testing.assert_allclose(corners, [[-0.8, 0.2, -0.8], [0.8, 1.8, 0.8]], atol=0.125 + 1e-6)
+
+
+def test_light_in_the_volume_files_is_the_smokes_color(tmp_path):
+    """A run that writes the light grid is shown with it: as the simulation's own light, file and frame alike."""
+    scene = plume(frames=6, grids=("density", "light"))
+    made = []
+    result = ws.run(scene, tmp_path, on_frame=made.append)
+    (shown,) = PreviewStage(result.stage).load(6).smoke
+    fields = made[-1].smoke["/World/Smoke"]
+    thick = fields.density > 0.3 * fields.density.max()
+    cells = np.argwhere(thick)
+    centers = transform_points(place_lattice(scene, scene.domains[0]).cells_to_world(), cells + 0.5)
+    voxels = np.rint(transform_points(np.linalg.inv(shown.to_world), centers)).astype(int)
+    seen = shown.rgba[(*voxels.T, slice(3))].astype(int)
+    assert np.abs(seen - linear_to_srgb(fields.light[thick])).max() <= 2  # half precision in the file
+    assert np.ptp(seen) > 20
+
+
+def test_a_stage_with_nothing_on_it(tmp_path):
+    """It is drawn as its background with a line of text, which a stage that has a light only has not."""
+    author_scene(ws.Scene(end=1), tmp_path / "empty.usda")
+    author_scene(ws.Scene(end=1, lights=[ws.DistantLight(path="/World/Sun")]), tmp_path / "sun.usda")
+    empty, sun = (_picture(tmp_path / f"{name}.usda", tmp_path, 1) for name in ("empty", "sun"))
+    assert (np.abs(np.diff(empty, axis=1)).max(axis=2) > 20).sum() > 50
+    assert (np.abs(np.diff(sun[:, :40], axis=1)).max(axis=2) > 20).sum() == 0
 
 
 def test_middle_frame_unless_given(results, tmp_path):

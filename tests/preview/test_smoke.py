@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from warp_smoke.preview.color import linear_to_srgb
-from warp_smoke.preview.smoke import REFLECTANCE, Beam, color_smoke, find_smoke, optical_depth
+from warp_smoke.preview.smoke import REFLECTANCE, Beam, color_smoke, find_smoke, optical_depth, show_light
 
 SIDES = np.array([0.3, 0.3, 0.3])
 
@@ -49,7 +49,7 @@ def test_found_smoke_stays_where_it_is():
     density[0:3, 4, 5:7] = 1.0  # up to two sides of the array
     matrix = np.diag([0.5, 0.5, 0.5, 1.0])
     matrix[3, :3] = 10, 20, 30
-    found, to_world = find_smoke(density, matrix)
+    found, to_world, _ = find_smoke(density, matrix)
     assert found.shape == (5, 3, 4)
     assert found.sum() == density.sum()
     np.testing.assert_array_equal(found[1:4, 1, 1:3], 1.0)
@@ -96,3 +96,17 @@ def test_srgb_bytes_follow_the_standard():
     exact = 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     assert np.abs(linear_to_srgb(linear) - exact).max() < 0.55
     assert linear_to_srgb(np.array([-1.0, 2.0])).tolist() == [0, 255]
+
+
+def test_light_that_is_known_is_shown_as_it_is():
+    """Voxels have the scattered light's own sRGB; empty ones beside them the mean of theirs, others stay black."""
+    density = np.zeros((5, 5, 5), np.float32)
+    density[1:3, 2, 2] = 1.0
+    scattered = np.zeros((5, 5, 5, 3), np.float32)
+    scattered[1, 2, 2], scattered[2, 2, 2] = (0.1, 0.2, 0.3), (0.3, 0.6, 0.9)
+    smoke = show_light(density, np.eye(4), 2.0, scattered)
+    mean = np.array([0.2, 0.4, 0.6])
+    for place, light in (((1, 2, 2), scattered[1, 2, 2]), ((3, 2, 2), scattered[2, 2, 2]), ((1, 3, 1), mean)):
+        assert smoke.rgba[(*place, slice(3))].tolist() == linear_to_srgb(light).tolist()
+    assert not smoke.rgba[4, :, :, :3].any()
+    assert smoke.extinction == 2.0

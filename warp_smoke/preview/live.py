@@ -34,16 +34,22 @@ class LiveStage:
     def full_frame(self) -> Frame:
         """A frame with smoke all over, as dear to draw as any."""
         full = {path: np.ones(lattice.shape, np.float32) for path, lattice in self._lattices.items()}
-        return self._frame(self.scene.start, full)
+        return self._frame(self.scene.start, full, {})
 
     def frame(self, made: SimulatedFrame) -> Frame:
         """What was simulated, as it is drawn."""
         for (path, bake), values in made.pictures.items():
             if bake == "lit":
                 (self._pictures if values.dtype in (np.uint8, np.uint16) else self._colors)[path] = values
-        return self._frame(made.number, {path: fields.density for path, fields in made.smoke.items()})
+        densities = {path: fields.density for path, fields in made.smoke.items()}
+        return self._frame(made.number, densities, {path: fields.light for path, fields in made.smoke.items()})
 
-    def _frame(self, number: int, densities: Mapping[str, np.ndarray | None]) -> Frame:
+    def _frame(
+        self,
+        number: int,
+        densities: Mapping[str, np.ndarray | None],
+        scattered: Mapping[str, np.ndarray | None],
+    ) -> Frame:
         smoke = []
         for domain in self.scene.domains:
             density, extinction = densities.get(domain.path), domain.extinction * self.scene.meters_per_unit
@@ -53,7 +59,8 @@ class LiveStage:
             centre_of_first = np.eye(4)
             centre_of_first[3, :3] = 0.5
             to_world = centre_of_first @ self._lattices[domain.path].cells_to_world()
-            smoke.append(light_smoke(density, to_world, extinction, self.lights, self.ambient, number))
+            light = scattered.get(domain.path)
+            smoke.append(light_smoke(density, to_world, extinction, self.lights, self.ambient, number, light))
         return Frame(number, tuple(smoke), dict(self._pictures), dict(self._colors))
 
 

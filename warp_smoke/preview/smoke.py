@@ -1,6 +1,7 @@
 """Smoke as coloured voxels: its density, and the light that reaches each voxel through the rest of the smoke.
 
-An approximation for the eye, not the simulation's own shadows: every light shines in parallel rays from where it
+Volume files may hold the light that the smoke scatters (grid `light`), which is then what the voxels show. Without it,
+an approximation for the eye, not the simulation's own shadows: every light shines in parallel rays from where it
 stands as seen from the smoke's centre, nothing but the smoke itself shades the smoke, and light scattered many times
 is stood in for by M. Wrenninge, C. Kulla, V. Lundqvist, *Oz: The Great and Volumetric*, SIGGRAPH Talks 2013: the sum
 Σ bⁿ e^(−aⁿ τ), in which each further bounce is weaker (b) and less hindered by the smoke (a).
@@ -46,15 +47,18 @@ class SmokeVoxels:
     extinction: float
 
 
-def find_smoke(density: np.ndarray, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def find_smoke(
+    density: np.ndarray, to_world: np.ndarray, scattered: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None] | None:
     """The box of voxels that hold smoke, within a layer of voxels that hold none, so that its edge is soft.
 
     Args:
         density: [nx, ny, nz] float32; what is below zero is none, and so is what RGBA voxels could not tell from none.
         to_world: index (i, j, k) of a voxel to the world position of its centre, 4 × 4 row-vector matrix.
+        scattered: light, linear RGB, [nx, ny, nz, 3], or None.
 
     Returns:
-        Density and `to_world` of the box, or None if there is no smoke.
+        Density, `to_world` and `scattered` of the box, or None if there is no smoke.
     """
     greatest = density.max(initial=0)
     smoke = density > greatest / (2 * 255)
@@ -65,7 +69,22 @@ def find_smoke(density: np.ndarray, to_world: np.ndarray) -> tuple[np.ndarray, n
             return None
         box.append(slice(busy[0], busy[-1] + 1))
         corner[3, axis] = busy[0] - 1
-    return np.pad(np.maximum(density[tuple(box)], 0), 1), corner @ to_world
+    box = tuple(box)
+    if scattered is not None:
+        scattered = np.pad(scattered[box], ((1, 1), (1, 1), (1, 1), (0, 0)))
+    return np.pad(np.maximum(density[box], 0), 1), corner @ to_world, scattered
+
+
+def show_light(density: np.ndarray, to_world: np.ndarray, extinction: float, scattered: np.ndarray) -> SmokeVoxels:
+    """Smoke that scatters light which is known.
+
+    Args:
+        density: [nx, ny, nz] float32, at least one above zero.
+        to_world: index (i, j, k) of a voxel to the world position of its centre, 4 × 4 row-vector matrix.
+        extinction: at density 1 [1/stage unit].
+        scattered: the light, linear RGB, [nx, ny, nz, 3]; black where there is no smoke.
+    """
+    return _voxels(density, to_world, extinction, _spread(np.asarray(scattered, np.float32)))
 
 
 def color_smoke(
@@ -91,11 +110,31 @@ def color_smoke(
         depth = optical_depth(density, depth_per_side, beam.direction @ to_voxels)
         lit = sum(np.float32(share) * np.exp(np.float32(-(LESS_HINDERED**n)) * depth) for n, share in enumerate(shares))
         radiance += lit[..., None] * np.asarray(beam.radiance, np.float32)
+    return _voxels(density, to_world, extinction, REFLECTANCE * radiance)
+
+
+def _voxels(density: np.ndarray, to_world: np.ndarray, extinction: float, radiance: np.ndarray) -> SmokeVoxels:
     rgba = np.empty((*density.shape, 4), np.uint8)
-    rgba[..., :3] = linear_to_srgb(REFLECTANCE * radiance)
+    rgba[..., :3] = linear_to_srgb(radiance)
     greatest = density.max()
     rgba[..., 3] = np.rint(density * (255 / greatest))
     return SmokeVoxels(rgba, to_world, extinction * float(greatest))
+
+
+def _spread(light: np.ndarray) -> np.ndarray:
+    """The light [nx, ny, nz, 3], and in black voxels the mean of the others among their 26 neighbours.
+
+    Colours between voxels are interpolated regardless of their densities: smoke would have a dark rim.
+    """
+    lit = light.any(axis=3)
+    sums = np.concatenate([light, lit[..., None].astype(np.float32)], axis=3)
+    for axis in range(3):
+        before = np.moveaxis(sums, axis, 0)
+        sums = before.copy()
+        sums[1:] += before[:-1]
+        sums[:-1] += before[1:]
+        sums = np.moveaxis(sums, 0, axis)
+    return np.where(lit[..., None], light, sums[..., :3] / np.maximum(sums[..., 3:], 1.0))
 
 
 def optical_depth(density: np.ndarray, depth_per_side: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from warp_smoke.geometry import transform_points
 from warp_smoke.preview.camera import level_axes
 from warp_smoke.preview.lights import beam_on, lights_of
 from warp_smoke.preview.slices import QUANTITIES, Slice, cut_slice
-from warp_smoke.preview.smoke import SmokeVoxels, color_smoke, find_smoke
+from warp_smoke.preview.smoke import SmokeVoxels, color_smoke, find_smoke, show_light
 from warp_smoke.scene import Light, SmokeDomain
 from warp_smoke.shading.textures import Picture
 from warp_smoke.usd.find import RESULTS_SUFFIX
@@ -138,7 +138,11 @@ class PreviewStage:
         extinction = thickness * domain.extinction * self.scene.meters_per_unit / domain.density_scale
         if extinction == 0 or volume.ComputeVisibility(number) == UsdGeom.Tokens.invisible:
             return None
-        return light_smoke(*_read_grid(volume, "density", number), extinction, self.lights, self.ambient, number)
+        density, to_world = _read_grid(volume, "density", number)
+        scattered = None
+        if _vdb_field(volume.GetPrim(), "light"):
+            scattered = _laid_over(density.shape, to_world, *_read_grid(volume, "light", number))
+        return light_smoke(density, to_world, extinction, self.lights, self.ambient, number, scattered)
 
     def _load_slice(self, volume: UsdVol.Volume, number: int, quantity: str) -> Slice | None:
         """A cut through the middle of a volume's domain that faces the front."""
@@ -196,6 +200,7 @@ def light_smoke(
     lights: Iterable[Light],
     ambient: np.ndarray,
     time: float,
+    scattered: np.ndarray | None = None,
 ) -> SmokeVoxels | None:
     """The smoke of one volume as it is drawn at a time code; None if there is none.
 
@@ -206,11 +211,14 @@ def light_smoke(
         lights: that shine on it.
         ambient: light from everywhere, linear RGB [3].
         time: time code.
+        scattered: what the smoke scatters of them, linear RGB, [nx, ny, nz, 3], where that is known.
     """
-    found = find_smoke(density, to_world)
+    found = find_smoke(density, to_world, scattered)
     if found is None:
         return None
-    density, to_world = found
+    density, to_world, scattered = found
+    if scattered is not None:
+        return show_light(density, to_world, extinction, scattered)
     ends = transform_points(to_world, [np.zeros(3), density.shape])
     center, radius = ends.mean(axis=0), float(np.linalg.norm(ends[1] - ends[0])) / 2
     return color_smoke(density, to_world, extinction, [beam_on(one, center, radius, time) for one in lights], ambient)
@@ -235,6 +243,27 @@ def _read_grid(volume: UsdVol.Volume, field: str, number: int) -> tuple[np.ndarr
     to_world = np.diag([*grid.voxel_size, 1.0])
     to_world[3, :3] = np.asarray(grid.origin) * grid.voxel_size + grid.translation
     return grid.values, to_world @ np.array(volume.ComputeLocalToWorldTransform(number))
+
+
+def _laid_over(
+    shape: tuple[int, int, int], to_world: np.ndarray, values: np.ndarray, values_to_world: np.ndarray
+) -> np.ndarray | None:
+    """Values [nx, ny, nz, 3] of another grid at the voxels of one with this shape, zero where that ends.
+
+    None if the grids' voxels do not coincide.
+    """
+    between = values_to_world @ np.linalg.inv(to_world)
+    first = np.rint(between[3, :3]).astype(int)
+    if values.ndim != 4 or np.abs(between - np.vstack([np.eye(4)[:3], [*first, 1]])).max() > 1e-3:
+        return None
+    laid = np.zeros((*shape, 3), np.float32)
+    here, there = [], []
+    for start, length, count in zip(first, values.shape, shape, strict=False):
+        lower, upper = max(start, 0), max(min(start + length, count), 0)
+        here.append(slice(lower, upper))
+        there.append(slice(lower - start, max(upper - start, 0)))
+    laid[tuple(here)] = values[tuple(there)]
+    return laid
 
 
 def _vdb_field(volume: Usd.Prim, name: str) -> UsdVol.OpenVDBAsset | None:

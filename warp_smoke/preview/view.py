@@ -20,6 +20,8 @@ from warp_smoke.scene import Emitter, Material
 if TYPE_CHECKING:
     from warp_smoke.preview.live import LiveStage
 
+TEXT_COLOR = "#e8e8e8"
+EMPTY = "Nothing to see: the stage has no mesh, smoke, emitter or light"
 BACKGROUND, BACKGROUND_TOP = "#26282b", "#70757b"
 # Cosine between a look and the stage's up axis beyond which it is straight down or up.
 STEEPEST = 0.999
@@ -78,6 +80,8 @@ class StageView:
         self.follows_camera = stage.scene.camera is not None
         self._lights_change = any(map(_changes, (*stage.lights, *stage.scene.emitters)))
         self._look(start)
+        if not (drawn or stage.volumes or stage.scene.domains or stage.scene.emitters or stage.scene.lights):
+            plotter.add_text(EMPTY, position=(0.02, 0.5), viewport=True, color=TEXT_COLOR, font_size=8, render=False)
 
     def show(self, frame: Frame) -> None:
         """Draws a frame."""

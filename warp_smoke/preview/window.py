@@ -14,9 +14,9 @@ from time import monotonic
 from warp_smoke.preview.frames import FrameLoader
 from warp_smoke.preview.slices import QUANTITIES
 from warp_smoke.preview.stage import Frame, PreviewStage
-from warp_smoke.preview.view import StageView
+from warp_smoke.preview.view import TEXT_COLOR, StageView
 
-TEXT_COLOR, ERROR_COLOR = "#e8e8e8", "#ff8f7a"
+ERROR_COLOR = "#ff8f7a"
 WIDTH = 100  # of a message [characters]
 POLL = 30  # [ms]
 # VTK's event loop holds Python's lock, so that frames are only read while this waits for them. [s]
