@@ -8,7 +8,6 @@ from math import prod
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse
 import warp as wp
 
 from warp_smoke.fluid.grid import Patch, ghost_samples, make_patch
@@ -349,37 +348,3 @@ class GridLevels:
 
         even = self.levels[number - 1].shape[axis] % 2 == 0
         return (distance(number - 1) if even else 1.0) / distance(number)
-
-
-def level_matrix(level: Level, sides: tuple[str, ...]) -> scipy.sparse.csr_array:
-    """−L over the cells of a level's arrays, between such sides; those around it are among them, with empty rows."""
-    size, (_, ny, nz) = level.inverse.size, level.inverse.shape
-    inner = np.zeros(level.inverse.shape, bool)
-    inner[tuple(slice(1, n + 1) for n in level.shape)] = True
-    inner = inner.ravel()
-    same = np.arange(size).reshape(level.inverse.shape)  # as a cell that is a ghost
-    for axis, n in enumerate(level.shape):
-        if sides[2 * axis] == "periodic":
-            along = np.moveaxis(same, axis, 0)
-            along[0] = along[n]
-    same = same.ravel()
-    diagonal, rows, columns, values = np.zeros(size), [], [], []
-    for axis, (weights, stride) in enumerate(zip(level.weights, (ny * nz, nz, 1), strict=True)):
-        w = weights.numpy()
-        if sides[2 * axis] == "periodic":  # its last faces are the first again
-            w = w.copy()
-            np.moveaxis(w, axis, 0)[level.shape[axis] + 1] = 0.0
-        w = w.ravel()
-        here = np.flatnonzero(w)
-        below, w = same[here - stride], w[here].astype(np.float64)
-        for cells in (here, below):
-            diagonal += np.bincount(cells, weights=w * inner[cells], minlength=size)
-        between = inner[here] & inner[below]
-        here, below, w = here[between], below[between], w[between]
-        rows += [here, below]
-        columns += [below, here]
-        values += [-w, -w]
-    used = np.flatnonzero(diagonal)
-    rows, columns = np.concatenate([*rows, used]), np.concatenate([*columns, used])
-    entries = (np.concatenate([*values, diagonal[used]]), (rows, columns))
-    return scipy.sparse.coo_array(entries, shape=(size, size)).tocsr()

@@ -13,9 +13,10 @@ import numpy as np
 import warp as wp
 
 from warp_smoke.fluid.pressure.iterative import FaceWeights
-from warp_smoke.fluid.pressure.levels import FEW_CELLS, GridLevels, Level, level_matrix
+from warp_smoke.fluid.pressure.levels import FEW_CELLS, GridLevels, Level
 from warp_smoke.fluid.pressure.smoothing import measure, start, sweep, sweep_and_sum
-from warp_smoke.fluid.pressure.split_levels import LAST_SWEEPS, SplitLevels, pseudo_inverse
+from warp_smoke.fluid.pressure.sparse import level_matrix, pseudo_inverse
+from warp_smoke.fluid.pressure.split_levels import LAST_SWEEPS, SplitLevels
 from warp_smoke.fluid.pressure.sums import Sums
 from warp_smoke.fluid.pressure.transfer import prolong, restrict
 from warp_smoke.launch import Launcher, Rows
