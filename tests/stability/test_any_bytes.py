@@ -57,6 +57,7 @@ def check_picture(picture: Picture) -> None:
     assert np.all(np.isfinite(picture.linear()))
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Pillow speaks of damaged tags
 @pytest.mark.parametrize("kind", ["grey.png", "rgba.png", "grey16.png", "palette.png", "photo.jpg", "scan.tif"])
 @pytest.mark.parametrize("count", [25, pytest.param(400, marks=pytest.mark.slow)])
 def test_damaged_pictures(tmp_path, kind, count):

@@ -20,7 +20,7 @@ quick = settings(
     phases=[Phase.explicit, Phase.generate, Phase.shrink],
     suppress_health_check=list(HealthCheck),
 )
-long = settings(quick, max_examples=2000)
+long = settings(quick, max_examples=1500)
 
 
 @pytest.fixture(autouse=True)
@@ -49,7 +49,7 @@ def test_any_allowed_scene_is_finite(scene):
 @given(scenes())
 @long
 def test_any_allowed_scene_is_finite_at_length(scene):
-    """2000 of them."""
+    """1500 of them."""
     run(scene)
 
 

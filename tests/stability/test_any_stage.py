@@ -19,7 +19,7 @@ quick = settings(
     phases=[Phase.explicit, Phase.generate, Phase.shrink],
     suppress_health_check=list(HealthCheck),
 )
-long = settings(quick, max_examples=600)
+long = settings(quick, max_examples=400)
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_any_attribute_is_read_or_refused(file, changed):
 @given(changes)
 @long
 def test_any_attribute_gives_a_finite_frame_or_is_refused(file, changed):
-    """600 of them, simulated: a finite frame, or the line of whoever refuses it."""
+    """400 of them, simulated: a finite frame, or the line of whoever refuses it."""
     scene = read(file, changed)
     if scene is None:
         return
