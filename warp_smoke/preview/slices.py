@@ -20,6 +20,7 @@ QUANTITIES = {
     "speed": Quantity("vel", "speed [m/s]"),
 }
 COLORS = "viridis"
+TEXT_SHARE = 1 / 45  # of the picture's height
 _BAR = {
     "vertical": True,
     "position_x": 0.9,
@@ -28,9 +29,8 @@ _BAR = {
     "height": 0.6,
     "color": "#e8e8e8",
     "n_labels": 5,
-    "title_font_size": 16,
-    "label_font_size": 14,
     "fmt": "%.3g",
+    "shadow": True,  # else the text is lost before a bright floor
     "render": False,
 }
 
@@ -117,7 +117,10 @@ class SliceActors:
             )
         if shown:
             mapper = self._plotter.actors[self._names[0]].mapper
-            self._plotter.add_scalar_bar(QUANTITIES[quantity].title, mapper=mapper, **_BAR)
+            size = max(round(TEXT_SHARE * self._plotter.window_size[1]), 8)
+            sizes = {"title_font_size": size, "label_font_size": size}
+            # The title's second line, which is empty, keeps it clear of the greatest label.
+            self._plotter.add_scalar_bar(f"{QUANTITIES[quantity].title}\n", mapper=mapper, **_BAR, **sizes)
 
 
 def _sheet(one: Slice) -> pv.PolyData:

@@ -81,7 +81,7 @@ class StageView:
         self._lights_change = any(map(_changes, (*stage.lights, *stage.scene.emitters)))
         self._look(start)
         if not (drawn or stage.volumes or stage.scene.domains or stage.scene.emitters or stage.scene.lights):
-            plotter.add_text(EMPTY, position=(0.02, 0.5), viewport=True, color=TEXT_COLOR, font_size=8, render=False)
+            plotter.add_text(EMPTY, position=(0.02, 0.5), viewport=True, color=TEXT_COLOR, font_size=14, render=False)
 
     def show(self, frame: Frame) -> None:
         """Draws a frame."""
