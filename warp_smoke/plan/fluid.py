@@ -1,11 +1,14 @@
 """Which fluid passes a domain calls for."""
 
-import numpy as np
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from warp_smoke.lattice import Lattice, place_lattice
+from warp_smoke.plan.participants import find_colliders, find_emitters, heats, pushes, weighs
 from warp_smoke.plan.passes import DomainPlan, Ledger, When
-from warp_smoke.plan.reach import is_moving, may_touch, over, swept_corners
-from warp_smoke.record import FieldError, each_value
+from warp_smoke.plan.reach import is_moving
+from warp_smoke.record import FieldError
 from warp_smoke.scene import (
     DIFFUSION_SOLVERS,
     PRESSURE_SOLVERS,
@@ -16,10 +19,11 @@ from warp_smoke.scene import (
     Scene,
     SmokeDomain,
 )
-from warp_smoke.scene.arrays import check_cells
 
 DEFAULT_ADVECTION = "maccormack"
 DEFAULT_TOLERANCE = 1e-3
+_STILL = "nothing moves the air: no buoyancy, no wind, no turbulence, no emitter that pushes, no moving collider"
+_COLD = "no buoyancy reads it and it is not exported"
 
 
 def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain, stirred_by: str = "") -> DomainPlan | None:
@@ -32,190 +36,196 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain, stirred_by: s
         stirred_by: what else moves the air, which the scene does not tell of; nothing if empty.
     """
     lattice = place_lattice(scene, domain)
-    emitters = _emitters(ledger, scene, domain, lattice)
+    emitters = find_emitters(ledger, scene, domain, lattice)
     if not emitters:
         why = "no emitter that is ever on touches it, so it never holds smoke"
         ledger.omit("simulate", (domain.path,), why)
         return None
-    colliders = _colliders(ledger, scene, domain, lattice)
-    solver, solver_why = _pressure_solver(domain, colliders)
-    diffusion_solver, diffusion_why = _diffusion_solver(domain, colliders)
+    smoke = _Smoke(domain, lattice, emitters, find_colliders(ledger, scene, domain, lattice), stirred_by)
     scheme = domain.advection or DEFAULT_ADVECTION
-
-    hot = any(_heats(each, domain.ambient_temperature) for each in emitters)
-    buoyant_by_heat = hot and domain.buoyancy_temperature != 0
-    buoyant_by_weight = domain.buoyancy_density != 0 and any(_weighs(each) for each in emitters)
-    has_heat = buoyant_by_heat or "temperature" in domain.grids
-    pushing = [each for each in emitters if _pushes(each)]
-    stirring = [c for c in colliders if is_moving(c)]
-    windy = any(domain.wind) and "open" in lattice.sides
-    flows = bool(
-        buoyant_by_heat or buoyant_by_weight or pushing or stirring or windy or domain.turbulence or stirred_by
-    )
-    still = "nothing moves the air: no buoyancy, no wind, no turbulence, no emitter that pushes, no moving collider"
-    cold = "no buoyancy reads it and it is not exported"
-
-    kept = []
-
-    def choose(name: str, asked: object, why: str, why_not: str, *, makes: str, when=When.SUBSTEP, method="") -> None:
-        if asked:
-            kept.append(name)
-            ledger.keep(name, (domain.path,), when, makes, why, method)
+    solver, solver_why = _pressure_solver(domain, smoke.colliders)
+    diffusion_solver, diffusion_why = _diffusion_solver(domain, smoke.colliders)
+    choices = [
+        *_choose_sources(smoke),
+        *_choose_forces(smoke),
+        _choose_viscosity(smoke, diffusion_solver, diffusion_why),
+        *_choose_flow(smoke, scheme, solver, solver_why),
+        *_choose_spreading(smoke, diffusion_solver, diffusion_why),
+        *_choose_decay(smoke),
+    ]
+    for each in choices:
+        if each.asked:
+            ledger.keep(each.name, (domain.path,), each.when, each.makes, each.why, each.method)
         else:
-            ledger.omit(name, (domain.path,), why_not)
+            ledger.omit(each.name, (domain.path,), each.why_not)
+    return DomainPlan(
+        domain,
+        lattice,
+        tuple(each.name for each in choices if each.asked),
+        smoke.emitters,
+        smoke.colliders,
+        scheme,
+        solver,
+        domain.pressure_tolerance or DEFAULT_TOLERANCE,
+        diffusion_solver,
+        _choose_grids(ledger, scene, smoke),
+    )
 
-    spreads = domain.density_diffusion or (has_heat and domain.temperature_diffusion)
-    choose(
+
+class _Choice(NamedTuple):
+    """A pass, whether anything asks for it, and the reason for either."""
+
+    name: str
+    asked: object
+    why: str
+    why_not: str
+    makes: str
+    method: str = ""
+    when: When = When.SUBSTEP
+
+
+@dataclass(frozen=True)
+class _Smoke:
+    """The smoke of a domain: what takes part in it, and what moves it."""
+
+    domain: SmokeDomain
+    lattice: Lattice
+    emitters: tuple[Emitter | ArrayEmitter, ...]
+    colliders: tuple[Collider | ArrayCollider, ...]
+    stirred_by: str
+
+    @property
+    def rises_by_heat(self) -> bool:
+        hot = any(heats(each, self.domain.ambient_temperature) for each in self.emitters)
+        return hot and self.domain.buoyancy_temperature != 0
+
+    @property
+    def is_buoyant(self) -> bool:
+        sinks = self.domain.buoyancy_density != 0 and any(weighs(each) for each in self.emitters)
+        return self.rises_by_heat or sinks
+
+    @property
+    def has_heat(self) -> bool:
+        return self.rises_by_heat or "temperature" in self.domain.grids
+
+    @property
+    def pushing(self) -> list[Emitter | ArrayEmitter]:
+        return [each for each in self.emitters if pushes(each)]
+
+    @property
+    def stirring(self) -> list[Collider | ArrayCollider]:
+        return [each for each in self.colliders if is_moving(each)]
+
+    @property
+    def is_windy(self) -> bool:
+        return any(self.domain.wind) and "open" in self.lattice.sides
+
+    @property
+    def flows(self) -> bool:
+        forced = self.is_buoyant or self.is_windy or self.domain.turbulence or self.stirred_by
+        return bool(forced or self.pushing or self.stirring)
+
+
+def _choose_sources(smoke: _Smoke) -> Iterator[_Choice]:
+    """Colliders, wind and emitters."""
+    domain, emitters, colliders = smoke.domain, smoke.emitters, smoke.colliders
+    spreads = domain.density_diffusion or (smoke.has_heat and domain.temperature_diffusion)
+    yield _Choice(
         "voxelize_colliders",
-        (flows or spreads) and colliders,
-        f"smoke flows around {_paths(colliders)}" if flows else f"smoke spreads around {_paths(colliders)}",
-        still if colliders else "no collider touches the domain",
-        makes="solid cells",
-        when=When.SUBSTEP if stirring else When.ONCE,
+        (smoke.flows or spreads) and colliders,
+        f"smoke {'flows' if smoke.flows else 'spreads'} around {_paths(colliders)}",
+        _STILL if colliders else "no collider touches the domain",
+        "solid cells",
+        when=When.SUBSTEP if smoke.stirring else When.ONCE,
     )
     why = f"wind is ({', '.join(f'{x:g}' for x in domain.wind)}) m/s"
     why_not = "no side is open for the wind to come in" if any(domain.wind) else "wind is 0"
-    choose("blow_wind", windy, why, why_not, makes="velocity")
-    partial = [e for e in emitters if isinstance(e, Emitter) and e.is_partial]
+    yield _Choice("blow_wind", smoke.is_windy, why, why_not, "velocity")
+    partial = [each for each in emitters if isinstance(each, Emitter) and each.is_partial]
     why = f"{_paths(partial)} makes smoke by noise or in its surface"
     why_not = "all emitters make smoke evenly in all their inside"
-    choose("vary_emission", partial, why, why_not, makes="shares of cells")
-    from_arrays = "arrays" if any(isinstance(e, ArrayEmitter) for e in emitters) else ""
-    choose("emit_density", True, f"{_paths(emitters)} makes smoke", "", makes="density", method=from_arrays)
-    asks = "buoyancy reads it" if buoyant_by_heat else "it is among the exported grids"
-    choose("emit_temperature", has_heat, asks, cold, makes="temperature")
-    why, why_not = f"{_paths(pushing)} pushes the air", "no emitter has a velocity or moves"
-    choose("emit_velocity", pushing, why, why_not, makes="velocity")
-    why = "smoke is hotter or colder than the air" if buoyant_by_heat else "smoke has weight"
+    yield _Choice("vary_emission", partial, why, why_not, "shares of cells")
+    from_arrays = "arrays" if any(isinstance(each, ArrayEmitter) for each in emitters) else ""
+    yield _Choice("emit_density", True, f"{_paths(emitters)} makes smoke", "", "density", from_arrays)
+    why = "buoyancy reads it" if smoke.rises_by_heat else "it is among the exported grids"
+    yield _Choice("emit_temperature", smoke.has_heat, why, _COLD, "temperature")
+    why, why_not = f"{_paths(smoke.pushing)} pushes the air", "no emitter has a velocity or moves"
+    yield _Choice("emit_velocity", smoke.pushing, why, why_not, "velocity")
+
+
+def _choose_forces(smoke: _Smoke) -> Iterator[_Choice]:
+    """What accelerates the air."""
+    domain = smoke.domain
+    why = "smoke is hotter or colder than the air" if smoke.rises_by_heat else "smoke has weight"
     why_not = "no emitter makes smoke that buoyancy acts on"
-    choose("add_buoyancy", buoyant_by_heat or buoyant_by_weight, why, why_not, makes="velocity")
+    yield _Choice("add_buoyancy", smoke.is_buoyant, why, why_not, "velocity")
     why = f"turbulence is {domain.turbulence:g} m/s²"
-    choose("stir_air", domain.turbulence, why, "turbulence is 0", makes="velocity")
-    why_not = still if domain.vorticity else "vorticity is 0"
-    choose(
-        "confine_vorticity", flows and domain.vorticity, f"vorticity is {domain.vorticity:g}", why_not, makes="velocity"
-    )
+    yield _Choice("stir_air", domain.turbulence, why, "turbulence is 0", "velocity")
+    why, why_not = f"vorticity is {domain.vorticity:g}", _STILL if domain.vorticity else "vorticity is 0"
+    yield _Choice("confine_vorticity", smoke.flows and domain.vorticity, why, why_not, "velocity")
+
+
+def _choose_viscosity(smoke: _Smoke, solver: str, solver_why: str) -> _Choice:
+    """Diffusion of the velocity."""
+    domain = smoke.domain
     sticky = domain.boundary is not None and "no_slip" in domain.boundary
-    why = f"viscosity is {domain.viscosity:g} m²/s; {diffusion_why}"
-    rough = [each for each in colliders if isinstance(each, Collider) and each.friction]
+    rough = [each for each in smoke.colliders if isinstance(each, Collider) and each.friction]
     slips = "viscosity is 0" + ", so air slides along the sides that are no_slip too" * sticky
     slips += f", so air slides along {_paths(rough)}" if rough else ""
-    why_not = still if domain.viscosity else slips
-    choose("diffuse_velocity", flows and domain.viscosity, why, why_not, makes="velocity", method=diffusion_solver)
-    why = f"{stirred_by} moves the air; " * bool(stirred_by) + f"air keeps its volume; {solver_why}"
-    choose("project_pressure", flows, why, still, makes="velocity without divergence", method=solver)
-    why = "air and smoke are carried where there is smoke or fast air, and around it, and nowhere else"
-    why_not = still if domain.active_box else "activeBox is false"
-    choose("fit_active_box", flows and domain.active_box, why, why_not, makes="cells that are active")
-    choose("advect_velocity", flows, "air carries its own motion along", still, makes="velocity", method=scheme)
-    choose("advect_density", flows, "air carries smoke along", still, makes="density", method=scheme)
-    why, why_not = "air carries heat along", still if has_heat else cold
-    choose("advect_temperature", flows and has_heat, why, why_not, makes="temperature", method=scheme)
-    spread, why_not = domain.density_diffusion, "densityDiffusion is 0"
-    why = f"densityDiffusion is {spread:g} m²/s; {diffusion_why}"
-    choose("diffuse_density", spread, why, why_not, makes="density", method=diffusion_solver)
-    spread = domain.temperature_diffusion
-    why, why_not = f"temperatureDiffusion is {spread:g} m²/s; {diffusion_why}", "temperatureDiffusion is 0"
-    why_not = why_not if has_heat else cold
-    asked = has_heat and spread
-    choose("diffuse_temperature", asked, why, why_not, makes="temperature", method=diffusion_solver)
-    rate = domain.density_dissipation
-    choose("dissipate_density", rate, f"densityDissipation is {rate:g}/s", "densityDissipation is 0", makes="density")
-    rate = domain.temperature_cooling
-    why, why_not = f"temperatureCooling is {rate:g}/s", "temperatureCooling is 0" if has_heat else cold
-    choose("cool_temperature", has_heat and rate, why, why_not, makes="temperature")
+    why = f"viscosity is {domain.viscosity:g} m²/s; {solver_why}"
+    asked, why_not = smoke.flows and domain.viscosity, _STILL if domain.viscosity else slips
+    return _Choice("diffuse_velocity", asked, why, why_not, "velocity", solver)
 
+
+def _choose_flow(smoke: _Smoke, scheme: str, solver: str, solver_why: str) -> Iterator[_Choice]:
+    """Pressure and advection."""
+    flows, stirred_by = smoke.flows, smoke.stirred_by
+    why = f"{stirred_by} moves the air; " * bool(stirred_by) + f"air keeps its volume; {solver_why}"
+    yield _Choice("project_pressure", flows, why, _STILL, "velocity without divergence", solver)
+    why = "air and smoke are carried where there is smoke or fast air, and around it, and nowhere else"
+    boxed, why_not = smoke.domain.active_box, _STILL if smoke.domain.active_box else "activeBox is false"
+    yield _Choice("fit_active_box", flows and boxed, why, why_not, "cells that are active")
+    yield _Choice("advect_velocity", flows, "air carries its own motion along", _STILL, "velocity", scheme)
+    yield _Choice("advect_density", flows, "air carries smoke along", _STILL, "density", scheme)
+    why, why_not = "air carries heat along", _STILL if smoke.has_heat else _COLD
+    yield _Choice("advect_temperature", flows and smoke.has_heat, why, why_not, "temperature", scheme)
+
+
+def _choose_spreading(smoke: _Smoke, solver: str, solver_why: str) -> Iterator[_Choice]:
+    """Diffusion of smoke and heat."""
+    spread = smoke.domain.density_diffusion
+    why = f"densityDiffusion is {spread:g} m²/s; {solver_why}"
+    yield _Choice("diffuse_density", spread, why, "densityDiffusion is 0", "density", solver)
+    spread = smoke.domain.temperature_diffusion
+    why = f"temperatureDiffusion is {spread:g} m²/s; {solver_why}"
+    why_not = "temperatureDiffusion is 0" if smoke.has_heat else _COLD
+    yield _Choice("diffuse_temperature", smoke.has_heat and spread, why, why_not, "temperature", solver)
+
+
+def _choose_decay(smoke: _Smoke) -> Iterator[_Choice]:
+    """Dissipation and cooling."""
+    rate = smoke.domain.density_dissipation
+    why = f"densityDissipation is {rate:g}/s"
+    yield _Choice("dissipate_density", rate, why, "densityDissipation is 0", "density")
+    rate = smoke.domain.temperature_cooling
+    why, why_not = f"temperatureCooling is {rate:g}/s", "temperatureCooling is 0" if smoke.has_heat else _COLD
+    yield _Choice("cool_temperature", smoke.has_heat and rate, why, why_not, "temperature")
+
+
+def _choose_grids(ledger: Ledger, scene: Scene, smoke: _Smoke) -> tuple[str, ...]:
+    """The grids that are written to the volume file."""
+    path, asked = smoke.domain.path, smoke.domain.grids
     dark = not any(scene.ambient) and not any(light.shines for light in scene.lights)
-    needless = {"velocity": not flows and still, "light": dark and "no light shines"}
-    grids = tuple(grid for grid in domain.grids if not needless.get(grid))
-    for grid in set(domain.grids) - set(grids):
-        ledger.omit(f"write {grid}", (domain.path,), needless[grid])
-    ledger.keep("write_volume", (domain.path,), When.FRAME, ", ".join(grids), "the domain's smoke is exported")
-    tolerance = domain.pressure_tolerance or DEFAULT_TOLERANCE
-    return DomainPlan(
-        domain, lattice, tuple(kept), emitters, colliders, scheme, solver, tolerance, diffusion_solver, grids
-    )
+    needless = {"velocity": not smoke.flows and _STILL, "light": dark and "no light shines"}
+    grids = tuple(grid for grid in asked if not needless.get(grid))
+    for grid in set(asked) - set(grids):
+        ledger.omit(f"write {grid}", (path,), needless[grid])
+    ledger.keep("write_volume", (path,), When.FRAME, ", ".join(grids), "the domain's smoke is exported")
+    return grids
 
 
 def _paths(prims: list | tuple) -> str:
     return ", ".join(prim.path for prim in prims)
-
-
-def _heats(emitter: Emitter | ArrayEmitter, ambient: float) -> bool:
-    """Whether its smoke may be hotter or colder than the air; what an array holds may change."""
-    if isinstance(emitter, ArrayEmitter):
-        return emitter.temperature is not None
-    return bool(np.any(each_value(emitter.temperature) != ambient))
-
-
-def _weighs(emitter: Emitter | ArrayEmitter) -> bool:
-    """Whether it may make smoke that has a density."""
-    if isinstance(emitter, ArrayEmitter):
-        return emitter.density is not None
-    return bool(np.any(each_value(emitter.density)))
-
-
-def _pushes(emitter: Emitter | ArrayEmitter) -> bool:
-    """Whether it may give the air a velocity."""
-    if isinstance(emitter, ArrayEmitter):
-        return emitter.velocity is not None
-    return bool(np.any(each_value(emitter.velocity)) or (emitter.inherit_velocity and is_moving(emitter)))
-
-
-def _covers(record: ArrayEmitter | ArrayCollider, domain: SmokeDomain, lattice: Lattice) -> bool:
-    """Whether a record's arrays are meant for a domain.
-
-    Raises:
-        FieldError: they are, and do not fit its cells.
-    """
-    if record.domain not in (None, domain.path):
-        return False
-    check_cells(record, lattice.shape)
-    return True
-
-
-def _emitters(
-    ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Lattice
-) -> tuple[Emitter | ArrayEmitter, ...]:
-    found = []
-    for emitter in scene.emitters:
-        if isinstance(emitter, ArrayEmitter):
-            if _covers(emitter, domain, lattice):
-                found.append(emitter)
-            else:
-                ledger.omit("emit", (domain.path, emitter.path), f"{emitter.path} is for {emitter.domain}")
-            continue
-        gives = emitter.density if emitter.rate is None else emitter.rate
-        corners = swept_corners(emitter, scene.frames)
-        if not np.any(over(emitter.enabled, scene.frames)):
-            why = f"{emitter.path} is off at every frame"
-        elif not np.any(each_value(gives)) and not np.any(each_value(emitter.temperature)):
-            why = f"{emitter.path} makes no smoke: its density or rate is 0"
-        elif not may_touch(lattice, corners):
-            why = f"{emitter.path} never touches {domain.path}"
-        else:
-            found.append(emitter)
-            continue
-        ledger.omit("emit", (domain.path, emitter.path), why)
-    return tuple(found)
-
-
-def _colliders(
-    ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Lattice
-) -> tuple[Collider | ArrayCollider, ...]:
-    found = []
-    for collider in scene.colliders:
-        if isinstance(collider, ArrayCollider):
-            if _covers(collider, domain, lattice):
-                found.append(collider)
-            else:
-                ledger.omit("collide", (domain.path, collider.path), f"{collider.path} is for {collider.domain}")
-        elif may_touch(lattice, swept_corners(collider, scene.frames)):
-            found.append(collider)
-        else:
-            why = f"{collider.path} never touches {domain.path}"
-            ledger.omit("collide", (domain.path, collider.path), why)
-    return tuple(found)
 
 
 def _pressure_solver(domain: SmokeDomain, colliders: tuple[Collider | ArrayCollider, ...]) -> tuple[str, str]:
