@@ -135,21 +135,33 @@ def _leaves_in_layer(grid: Grid, layer: slice) -> tuple[np.ndarray, np.ndarray]:
 def _active(grid: Grid, layer: slice) -> np.ndarray:
     """Which voxels of a layer are active, after a check that all its values are finite."""
     values = grid.values[layer]
-    good = np.isfinite(values)
-    if not good.all():
-        i, *others = np.argwhere(~good)[0].tolist()
-        index = (layer.start + i, *others)
-        raise FieldError(f"grid {grid.name!r}", f"values{list(index)}", grid.values[index], "finite numbers")
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = values.sum()
+    if not np.isfinite(total):  # finite values can have an infinite sum, others never a finite one
+        _check_finite(grid, layer)
     if grid.active is not None:
         return grid.active[layer]
     # Rows along k with all their components, so that numpy's inner loops are long.
     nx, ny, nz = values.shape[:3]
     background = np.tile(grid.background, nz)
     rows = values.reshape(nx, ny, len(background))
-    above = rows > (background + grid.threshold).astype(np.float32)
-    below = rows < (background - grid.threshold).astype(np.float32)
-    outside = np.logical_or(above, below, out=above).reshape(values.shape)
+    if grid.threshold:
+        above = rows > (background + grid.threshold).astype(np.float32)
+        below = rows < (background - grid.threshold).astype(np.float32)
+        outside = np.logical_or(above, below, out=above)
+    else:
+        outside = rows != background.astype(np.float32)
+    outside = outside.reshape(values.shape)
     return outside[..., 0] | outside[..., 1] | outside[..., 2] if grid.is_vector else outside
+
+
+def _check_finite(grid: Grid, layer: slice) -> None:
+    """Raises FieldError if a layer has a value that is not finite."""
+    bad = np.argwhere(~np.isfinite(grid.values[layer]))
+    if len(bad):
+        i, *others = bad[0].tolist()
+        index = (layer.start + i, *others)
+        raise FieldError(f"grid {grid.name!r}", f"values{list(index)}", grid.values[index], "finite numbers")
 
 
 def _in_blocks(dense: np.ndarray, origin: tuple[int, int, int]) -> np.ndarray:
