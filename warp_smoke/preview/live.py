@@ -1,5 +1,6 @@
 """A run watched while it works, at a bounded cost: frames that would take too much of its time are not drawn."""
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from time import perf_counter
 
@@ -17,6 +18,7 @@ from warp_smoke.simulation import Frame as SimulatedFrame
 SHARE = 0.1
 # Voxels between samples: a third of the time that one voxel takes.
 STEP = 3.0
+REMEMBERED = 4  # drawings
 
 
 class LiveStage:
@@ -93,7 +95,8 @@ class LivePreview:
         self.closed = self._told_to_close = False
         plotter.iren.add_observer("ExitEvent", self._note_close)
         self._began = clock()
-        self._last = self._began - began
+        # What the next drawing may cost: as much as the dearest of the last ones, on a machine that does other things.
+        self._costs = deque([self._began - began], maxlen=REMEMBERED)
 
     def __call__(self, made: SimulatedFrame) -> None:
         """Draws a frame, unless that would add more than `SHARE` to the time that the run has taken so far.
@@ -104,14 +107,14 @@ class LivePreview:
         allowed = SHARE * (began - self._began - self.spent)
         if self.closed or self.spent > allowed:
             return
-        if self.spent + self._last > allowed:
+        if self.spent + max(self._costs) > allowed:
             self._plotter.iren.process_events()
             self.spent += self._clock() - began
         else:
             self._view.show(self._stage.frame(made))
             self._plotter.update()
-            self._last = self._clock() - began
-            self.spent += self._last
+            self._costs.append(self._clock() - began)
+            self.spent += self._costs[-1]
             self.drawn.append(made.number)
         if self._told_to_close:
             self.close()
