@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from pxr import Usd
 from scenes import at, floor, plume
 
 import warp_smoke as ws
@@ -42,6 +43,60 @@ def test_run_plan_validate(warp_smoke, tmp_path):
     assert sorted(path.name for path in (tmp_path / "out/smoke_only/volumes").iterdir())[0].endswith("0001.vdb")
     status, out, _ = warp_smoke("validate", "out/smoke_only")
     assert (status, "no problems" in out) == (0, True)
+
+
+def test_materials_for_the_smoke(warp_smoke, tmp_path):
+    """--volume-shader adds a layer, which the flattened stage has too; what only its renderer knows is no error."""
+    stage, options = STAGES / "smoke_only.usda", ("--resolution", 16, "--frames", "1:2")
+    status, out, _ = warp_smoke("run", stage, *options, "--volume-shader", "karma", "--flatten")
+    assert status == 0
+    assert "out/smoke_only/smoke_only.karma.usda" in out
+    flat = Usd.Stage.Open(str(tmp_path / "out/smoke_only/smoke_only.flat.usdc"))
+    assert [prim.GetName() for prim in flat.Traverse() if prim.GetTypeName() == "Material"] == ["Smoke_smoke_karma"]
+    status, out, _ = warp_smoke("validate", "out/smoke_only")
+    assert status == 0
+    assert "info(s)" in out
+    assert "error" not in out
+    status, _, err = warp_smoke("run", stage, "--volume-shader", "mantra")
+    assert status == 2
+    assert "karma" in err
+
+
+def test_problems_are_told(warp_smoke, tmp_path):
+    """Each problem is a line with severity and place, then their counts; --json has the same ones."""
+    path = tmp_path / "odd.usda"
+    path.write_text("""#usda 1.0
+(
+    defaultPrim = "World"
+    metersPerUnit = 1
+    upAxis = "Y"
+)
+def Xform "World"
+{
+    def Mesh "Floor"
+    {
+        token visibility = "seen"
+        float3[] extent = [(0, 0, 0), (1, 0, 1)]
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points = [(0, 0, 0), (0, 0, 1), (1, 0, 0)]
+        normal3f[] normals = [(0, 1, 0)] (
+            interpolation = "constant"
+        )
+        uniform token subdivisionScheme = "none"
+    }
+}
+""")
+    status, out, _ = warp_smoke("validate", path)
+    assert status == 1
+    lines = out.splitlines()
+    assert lines[0].startswith("error: /World/Floor.visibility: is seen; allowed: inherited, invisible")
+    assert "error(s)" in lines[-1]
+    status, out, _ = warp_smoke("validate", path, "--json")
+    assert status == 1
+    problems = json.loads(out)
+    assert len(problems) == len(lines) - 1
+    assert {"severity": "error", "where": "/World/Floor.visibility"}.items() <= problems[0].items()
 
 
 def test_json(warp_smoke):

@@ -380,7 +380,9 @@ def validate(path: Path, *, as_json: Annotated[bool, Parameter(name="--json")] =
     else:
         for problem in problems:
             _out.print(str(problem), soft_wrap=True, markup=False)
-        _out.print(f"{path}: {len(problems)} problem(s)" if problems else f"{path}: no problems", highlight=False)
+        severities = [problem.severity for problem in problems]
+        counts = [f"{severities.count(each)} {each}(s)" for each in dict.fromkeys(severities)]
+        _out.print(f"{path}: {', '.join(counts) or 'no problems'}", soft_wrap=True, highlight=False)
     return 1 if any(problem.severity == "error" for problem in problems) else 0
 
 
