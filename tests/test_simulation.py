@@ -177,6 +177,7 @@ def test_fields_can_be_written_between_steps():
         {"colliders": [BALL]},
         {"pressure_solver": "multigrid"},
         {"pressure_solver": "jacobi"},
+        {"turbulence": 1.0, "turbulence_scale": 0.1},
         {"surfaces": [floor(texture_size=256), CUBE]},
         {"grids": ("density", "light"), "surfaces": [CUBE]},
         {"grids": ("density", "light"), "surfaces": (), "extinction_color": (1.0, 0.5, 0.2)},

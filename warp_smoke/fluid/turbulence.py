@@ -15,6 +15,7 @@ from math import sqrt
 import numpy as np
 import warp as wp
 
+from warp_smoke.fluid.eddies import place_eddies
 from warp_smoke.fluid.grid import beside
 from warp_smoke.fluid.halo import join_seams
 from warp_smoke.lattice import Lattice
@@ -26,8 +27,6 @@ wp.set_module_options({"enable_backward": False})
 _MEAN_CURL = 1.204
 # Largest component, as a multiple of it: measured 2.9.
 PEAK = 4.0
-# Smaller eddies [cells] are made this large: the lattice would not resolve them.
-_LEAST_SCALE = 2.0
 # Standard deviation of the turning speeds: after its time an eddy has e^(−2²/2) = 14 % in common with what it was.
 _MEAN_SPIN = wp.constant(2.0)
 
@@ -175,19 +174,12 @@ class Turbulence:
             scale: size of the eddies [m], at least two cells; None = an eighth of the domain's longest side.
         """
         self._launcher, self._strength = launcher, strength
-        longest = max(lattice.shape)
-        self._scale = max(scale / lattice.h if scale else longest / 8.0, _LEAST_SCALE)  # in cells
+        eddies = place_eddies(lattice, scale)
+        self._scale, self._rings = eddies.scale, eddies.rings
         # An eddy changes in the time in which the force moves air across it.
         self._lasts = sqrt(self._scale * lattice.h / strength)
-        corners = tuple(n + 1 for n in lattice.shape)
-        # Around a periodic axis nodes are a little nearer or farther, so that a whole number fits.
-        self._rings = [
-            max(1, round(n / self._scale)) if side == "periodic" else 0
-            for n, side in zip(lattice.shape, lattice.sides[0::2], strict=True)
-        ]
-        scales = [n / m if m else self._scale for n, m in zip(lattice.shape, self._rings, strict=True)]
-        self._place, self._scales = (lattice.shape, lattice.sides), wp.vec3(*scales)
-        nodes = tuple(int((n + 0.5) / scale) + 2 for n, scale in zip(lattice.shape, scales, strict=True))
+        self._place, self._scales = (lattice.shape, lattice.sides), wp.vec3(*eddies.spacing)
+        corners, nodes = tuple(n + 1 for n in lattice.shape), eddies.nodes
         self._potential = tuple(launcher.zeros(corners, "turbulence") for _ in range(3))
         self._ramps = [launcher.zeros((*corners[:2], nodes[2]), "turbulence") for _ in range(2)]
         self._gradient = launcher.zeros(nodes, "turbulence", wp.vec3)

@@ -6,6 +6,7 @@ from math import prod
 import numpy as np
 from PIL import Image
 
+from warp_smoke.fluid.eddies import place_eddies
 from warp_smoke.material import TEXTURES, Material
 from warp_smoke.plan.passes import DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan, VolumePlan
 from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, DistantLight, Emitter, Scene
@@ -73,6 +74,7 @@ def _domain_bytes(plan: DomainPlan) -> int:
         floats += 20 / plan.lattice.shape[1]  # sums along j, in double precision
         floats += _ghost_floats(plan)
     floats += sum(_array_floats(each) for each in (*plan.emitters, *plan.colliders))
+    floats += _eddy_floats(plan) if "stir_air" in plan.passes else 0.0
     if {"diffuse_velocity", "diffuse_density", "diffuse_temperature"} & set(plan.passes):
         floats += _DIFFUSION[plan.diffusion_solver]
         if plan.diffusion_solver == "jacobi" and not plan.colliders:
@@ -93,6 +95,12 @@ def _ghost_floats(plan: DomainPlan) -> float:
     if "confine_vorticity" in plan.passes:
         floats += 7.0 * prod(n + 4 * ring for n, ring in zip(shape, rings, strict=True)) / plan.lattice.cells
     return floats
+
+
+def _eddy_floats(plan: DomainPlan) -> float:
+    """Floats for each cell of turbulence's nodes: three times two gradients and a speed, a gradient, and two ramps."""
+    nodes, (nx, ny, _) = place_eddies(plan.lattice, plan.domain.turbulence_scale).nodes, plan.lattice.shape
+    return (24 * prod(nodes) + 2 * (nx + 1) * (ny + 1) * nodes[2]) / plan.lattice.cells
 
 
 def _array_floats(record: Emitter | ArrayEmitter | Collider | ArrayCollider) -> int:

@@ -55,7 +55,7 @@ class SmokeDomain(Prim):
         ambient_temperature: temperature of the air.
         vorticity: strength ε of vorticity confinement (0 = off).
         turbulence: force that stirs all air, root mean square [m/s²].
-        turbulence_scale: size of its eddies [m]; None = an eighth of the longest side.
+        turbulence_scale: size of its eddies [m], at least two cells; None = an eighth of the longest side.
         viscosity: kinematic viscosity ν of the air [m²/s].
         wind: velocity of the air at the beginning, and when it comes in through open sides, along the stage's axes
             [m/s].
