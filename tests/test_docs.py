@@ -31,6 +31,15 @@ def test_links_lead_somewhere(page):
             assert (page.parent / target).exists(), target
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_places_in_pages_are_there(page):
+    """What follows the # of a link is a heading of the page that it leads to, as it is written in addresses."""
+    for target, place in re.findall(r"\]\(([^):]*)#([^)]+)\)", page.read_text(encoding="utf-8")):
+        text = (page.parent / target if target else page).read_text(encoding="utf-8")
+        headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+        assert place in [re.sub(r"[^\w\- ]", "", heading).lower().replace(" ", "-") for heading in headings], place
+
+
 def test_usd_example_smokes(tmp_path):
     """The stage in the README reads without a warning and calls for smoke."""
     import warp_smoke as ws
