@@ -3,6 +3,7 @@
 from importlib import import_module
 
 from warp_smoke.plan import LightPlan, Plan
+from warp_smoke.scene import Collider
 
 # What several pressure solvers share; `open_faces` of a box without colliders is among the colliders' kernels.
 _ITERATIVE = ("fluid.colliders", "fluid.pressure.components", "fluid.pressure.iterative")
@@ -69,6 +70,10 @@ def kernel_modules(plan: Plan) -> list[str]:
     for each in plan.passes:
         for key in (each.name, f"{each.name} {each.method}"):
             found.update(_FLUID.get(key, ()))
+    for domain in plan.domains:
+        rough = any(isinstance(each, Collider) and each.friction for each in domain.colliders)
+        if rough and "voxelize_colliders" in domain.passes:
+            found.add("fluid.friction")
     for receiver in plan.receivers:
         found.update(f"shading.{name}" for name in ("compose", "radiance", "surface_points", "texel_picture", "texels"))
         for light in receiver.lights:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import warp as wp
 
 from warp_smoke.fluid.array_walls import ArrayWalls
+from warp_smoke.fluid.friction import rub
 from warp_smoke.fluid.grid import Block, Box, beside, face_shape, faces_of, hull, make_patch, seam_faces
 from warp_smoke.fluid.halo import copy_samples, last_faces
 from warp_smoke.fluid.images import images
@@ -113,54 +114,6 @@ def _push_seam(rows: Rows, block: Block, u_inout: wp.array3d[float]):
         here = u_inout[i, j, k]
         other = _other_copy(u_inout, block, i, j, k)
         u_inout[i, j, k] = wp.where(wp.abs(other) > wp.abs(here), other, here)
-        k += 1
-
-
-@wp.kernel
-def _mark_friction(
-    rows: Rows, lower: wp.vec3i, fraction: wp.array3d[float], friction: float, friction_inout: wp.array3d[float]
-):
-    """Sets the friction of cells of which half is inside."""
-    i, j, c = wp.tid()
-    i += rows.first
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, fraction.shape[2])
-    while k < end:
-        if fraction[i, j, k] >= SOLID_FRACTION:
-            friction_inout[lower[0] + i, lower[1] + j, lower[2] + k] = friction
-        k += 1
-
-
-@wp.kernel
-def _rub_cells(
-    rows: Rows, unit: wp.vec3i, cells: wp.array3d[float], share: wp.array3d[float], friction_out: wp.array3d[float]
-):
-    """Friction of a closed face: the greater one of the cells beside it; 0 of an open face."""
-    i, j, c = wp.tid()
-    i += rows.first
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, share.shape[2])
-    while k < end:
-        before = cells[wp.max(i - unit[0], 0), wp.max(j - unit[1], 0), wp.max(k - unit[2], 0)]
-        after = cells[wp.min(i, cells.shape[0] - 1), wp.min(j, cells.shape[1] - 1), wp.min(k, cells.shape[2] - 1)]
-        friction_out[i, j, k] = wp.where(share[i, j, k] > 0.0, 0.0, wp.max(before, after))
-        k += 1
-
-
-@wp.kernel
-def _rub_crossed(
-    rows: Rows, lower: wp.vec3i, crossed: wp.array3d[float], friction: float, friction_inout: wp.array3d[float]
-):
-    """Friction of a face that a surface crosses: at least the surface's."""
-    i, j, c = wp.tid()
-    i += rows.first
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, crossed.shape[2])
-    while k < end:
-        x = lower[0] + i
-        y = lower[1] + j
-        z = lower[2] + k
-        friction_inout[x, y, z] = wp.max(friction_inout[x, y, z], friction * crossed[i, j, k])
         k += 1
 
 
@@ -324,7 +277,8 @@ class Solids:
             each.close(shares)
         self._join(_close_seam, shares)
         if self.friction:
-            self._rub(walls, shares)
+            rub(launcher, walls, shares, self._cell_friction, self.friction)
+            self._join(_push_seam, self.friction)
         if self.velocity is not None:
             for component in self.velocity:
                 component.zero_()
@@ -334,21 +288,6 @@ class Solids:
             self._join(_push_seam, self.velocity)
             close_sides(launcher, sides, self.velocity)
         return hull(Box(each.lower, tuple(map(sum, zip(each.lower, each.shape, strict=True)))) for each in walls)
-
-    def _rub(self, walls: list, shares: tuple[wp.array, wp.array, wp.array]) -> None:
-        """Fills the friction of closed faces."""
-        launch, cells = self._launcher.launch, self._cell_friction
-        cells.zero_()
-        for each in walls:
-            launch(_mark_friction, each.shape, wp.vec3i(*each.lower), each.fraction, each.friction, cells)
-        for axis, (share, friction) in enumerate(zip(shares, self.friction, strict=True)):
-            unit = wp.vec3i(*(int(a == axis) for a in range(3)))
-            launch(_rub_cells, share.shape, unit, cells, share, friction)
-            for each in walls:
-                if each.friction:
-                    crossed = each.crossed[axis]
-                    launch(_rub_crossed, crossed.shape, wp.vec3i(*each.lower), crossed, each.friction, friction)
-        self._join(_push_seam, self.friction)
 
     def _join(self, kernel: wp.Kernel, fields: tuple[wp.array, wp.array, wp.array]) -> None:
         """Makes one of the two copies of each face on periodic sides, for only one may be in the box of a wall."""
