@@ -17,7 +17,8 @@ from warp_smoke.scene import Scene
 from warp_smoke.timing import Timings
 
 if TYPE_CHECKING:
-    from warp_smoke.fluid.solver import SmokeSolver, StepReport
+    from warp_smoke.fluid.solver import SmokeSolver
+    from warp_smoke.fluid.step_report import StepReport
 
 
 @dataclass(frozen=True, eq=False)

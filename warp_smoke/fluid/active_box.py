@@ -6,9 +6,14 @@ which the pressure takes out again, so it may be left out. Forces and pressure a
 far, and closing it off at a box around the smoke would change the flow inside.
 """
 
-from math import ceil
+from collections.abc import Sequence
+from math import ceil, inf
+
+import numpy as np
 
 from warp_smoke.fluid.grid import Box, hull
+from warp_smoke.record import each_value
+from warp_smoke.scene import ArrayEmitter, Emitter
 
 # Air that is faster than this share of the fastest always moves along.
 FAST = 0.25
@@ -17,6 +22,14 @@ _LEAST_MARGIN, _MARGIN = 4, 0.5
 # Cells that samples reach beyond the end of their trace.
 _STENCIL = 2
 _ALIGNMENT = 8
+
+
+def typical_amounts(emitters: Sequence[Emitter | ArrayEmitter], ambient: float) -> tuple[float, float]:
+    """The largest density that emitters give, and departure from ambient temperature; inf if arrays may give any."""
+    if any(isinstance(each, ArrayEmitter) for each in emitters):
+        return inf, inf
+    density = max(float(np.max(each_value(each.density))) for each in emitters)
+    return density, max(float(np.abs(each_value(each.temperature) - ambient).max()) for each in emitters)
 
 
 def fit_boxes(

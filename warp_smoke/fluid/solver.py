@@ -5,14 +5,14 @@ forces, diffuses the velocity and projects it, carries all fields along it, and 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from math import ceil, inf, isfinite, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 
-from warp_smoke.fluid.active_box import FAST, fit_boxes
+from warp_smoke.fluid.active_box import FAST, fit_boxes, typical_amounts
 from warp_smoke.fluid.advection import limit_energy
 from warp_smoke.fluid.array_source import ArraySource
 from warp_smoke.fluid.colliders import Solids, empty_solids
@@ -35,11 +35,11 @@ from warp_smoke.fluid.pressure import PRESSURE_SOLVERS, PressureProblem, Pressur
 from warp_smoke.fluid.schemes import ADVECTION_SCHEMES
 from warp_smoke.fluid.solid_boundary import SolidBoundary
 from warp_smoke.fluid.state import make_state
+from warp_smoke.fluid.step_report import StepReport, join_reports
 from warp_smoke.fluid.turbulence import PEAK, Turbulence
 from warp_smoke.fluid.vorticity import VorticityConfinement
 from warp_smoke.fluid.wind import Wind
 from warp_smoke.launch import Launcher
-from warp_smoke.record import each_value
 from warp_smoke.scene import ArrayEmitter
 from warp_smoke.timing import Timings
 
@@ -56,27 +56,6 @@ _LAST = {
     "density": ("emit_density", "advect_density", "diffuse_density", "dissipate_density"),
     "temperature": ("emit_temperature", "advect_temperature", "diffuse_temperature", "cool_temperature"),
 }
-
-
-@dataclass(frozen=True)
-class StepReport:
-    """What the solver did in one step or frame.
-
-    Attributes:
-        substeps: how many steps.
-        courant: largest max|u| dt / h that anything was carried with.
-        speed: largest |velocity component| at the end [m/s].
-        pressure: how well each step's pressure was solved for; empty where nothing flows.
-        confinement: smallest share of the vorticity confinement asked for that its cap on kinetic energy let through.
-        diffusion: largest bound on the error of diffusion, as a share of the change; 0 where it is exact.
-    """
-
-    substeps: int = 1
-    courant: float = 0.0
-    speed: float = 0.0
-    pressure: list[PressureStatus] = field(default_factory=list)
-    confinement: float = 1.0
-    diffusion: float = 0.0
 
 
 class SmokeSolver:
@@ -123,7 +102,7 @@ class SmokeSolver:
                 self._advection = scheme(launcher, shape, sides, self._boundary)
             self._measures = Measures(launcher, shape)
         if self._has("fit_active_box"):
-            self._density, self._heat = _typical(plan)
+            self._density, self._heat = typical_amounts(plan.emitters, plan.domain.ambient_temperature)
         windy = self._has("blow_wind") and any(plan.domain.wind)
         self._wind = Wind(launcher, plan.lattice, plan.domain.wind) if windy else None
         if self._has("add_buoyancy"):
@@ -187,22 +166,11 @@ class SmokeSolver:
             dt, reached = seconds / left, start + (end - start) / left
             reports.append(self.step(start, reached, dt))
             start, seconds, speed = reached, seconds - dt, reports[-1].speed
-        return StepReport(
-            substeps=len(reports),
-            courant=max(report.courant for report in reports),
-            speed=speed,
-            pressure=[status for report in reports for status in report.pressure],
-            confinement=min(report.confinement for report in reports),
-            diffusion=max(report.diffusion for report in reports),
-        )
+        return join_reports(reports)
 
     def save(self) -> dict[str, np.ndarray]:
         """Copies all that later steps depend on to the host, by name; `load` takes it back."""
-        state = self.state
-        fields = {f"velocity {axis}": each for axis, each in zip("xyz", state.velocity or (), strict=False)}
-        fields |= {"density": state.density, "temperature": state.temperature, "pressure": state.pressure}
-        saved = {name: field.numpy().copy() for name, field in fields.items() if field is not None}
-        return saved | {"energy_lost": np.array(state.energy_lost)}
+        return self.state.save()
 
     def load(self, saved: Mapping[str, np.ndarray], first: float, time: float) -> None:
         """Goes on from what `save` gave; steps are then the same to the bit as if nothing had been in between.
@@ -217,14 +185,7 @@ class SmokeSolver:
             self._place_colliders(placed, placed, 0.0)
         for source in self._sources:
             source.place(Interval(first, first, 0.0))
-        state = self.state
-        if state.velocity is not None:
-            for axis, component in zip("xyz", state.velocity, strict=True):
-                component.assign(saved[f"velocity {axis}"])
-        for name in ("density", "temperature", "pressure"):
-            if (field := getattr(state, name)) is not None:
-                field.assign(saved[name])
-        state.energy_lost = float(saved["energy_lost"])
+        self.state.load(saved)
 
     def step(self, start: float, end: float, dt: float) -> StepReport:
         """Advances the smoke in one step; only advection is split, if the Courant number is above the limit.
@@ -449,12 +410,3 @@ class SmokeSolver:
         if self._has("cool_temperature"):
             with self._timings.measure("cool_temperature"):
                 decay(self._launcher, state.temperature, domain.ambient_temperature, domain.temperature_cooling, dt)
-
-
-def _typical(plan: "DomainPlan") -> tuple[float, float]:
-    """The largest density that emitters give, and departure from ambient temperature; inf if arrays may give any."""
-    if any(isinstance(each, ArrayEmitter) for each in plan.emitters):
-        return inf, inf
-    ambient = plan.domain.ambient_temperature
-    density = max(float(np.max(each_value(each.density))) for each in plan.emitters)
-    return density, max(float(np.abs(each_value(each.temperature) - ambient).max()) for each in plan.emitters)

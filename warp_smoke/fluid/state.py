@@ -1,7 +1,9 @@
 """What changes in time: the fields of one domain."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
 import warp as wp
 
 from warp_smoke.fluid.grid import face_shape
@@ -28,6 +30,23 @@ class SmokeState:
     temperature: wp.array | None = None
     pressure: wp.array | None = None
     energy_lost: float = 0.0
+
+    def save(self) -> dict[str, np.ndarray]:
+        """Copies all of it to the host, by name."""
+        fields = {f"velocity {axis}": each for axis, each in zip("xyz", self.velocity or (), strict=False)}
+        fields |= {"density": self.density, "temperature": self.temperature, "pressure": self.pressure}
+        saved = {name: field.numpy().copy() for name, field in fields.items() if field is not None}
+        return saved | {"energy_lost": np.array(self.energy_lost)}
+
+    def load(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Takes back what `save` gave."""
+        if self.velocity is not None:
+            for axis, component in zip("xyz", self.velocity, strict=True):
+                component.assign(saved[f"velocity {axis}"])
+        for name in ("density", "temperature", "pressure"):
+            if (field := getattr(self, name)) is not None:
+                field.assign(saved[name])
+        self.energy_lost = float(saved["energy_lost"])
 
 
 def make_state(
