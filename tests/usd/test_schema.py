@@ -1,6 +1,7 @@
 """The codeless schema agrees with the records, and works whether or not USD could be told of it."""
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import fields
@@ -148,9 +149,15 @@ def test_reading_works_when_usd_was_used_first(tmp_path):
         "scene = Scene.open(sys.argv[1]); scene.save(sys.argv[1] + '.out.usda')\n"
         "print(register_schema(), scene.domains, scene.warnings, Scene.open(sys.argv[1] + '.out.usda') == scene)\n"
     )
+    env = os.environ | {"PYTHONHASHSEED": "0"}  # sets are printed
     run = [
         subprocess.run(
-            [sys.executable, "-c", script, str(path), order], check=True, timeout=60, capture_output=True, text=True
+            [sys.executable, "-c", script, str(path), order],
+            check=True,
+            timeout=60,
+            capture_output=True,
+            text=True,
+            env=env,
         )
         for order in ("warp_smoke first", "pxr first")
     ]
