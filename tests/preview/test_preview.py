@@ -216,7 +216,7 @@ def test_damaged_volume_file(results, tmp_path):
 
 def test_folder_without_results(tmp_path):
     """A folder that no run wrote is refused."""
-    with pytest.raises(ValueError, match="holds 0 results"):
+    with pytest.raises(ValueError, match="nor a folder with the results of one run; found: none"):
         preview(tmp_path, screenshot=tmp_path / "picture.png")
 
 

@@ -47,7 +47,8 @@ class Screen:
         """Starts `warp-smoke` with these arguments."""
         command = [sys.executable, "-c", "from warp_smoke.cli import main; main()", *map(str, arguments)]
         options = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-        return subprocess.Popen(command, env=self.environment, start_new_session=True, **options)
+        self._shows = subprocess.Popen(command, env=self.environment, start_new_session=True, **options)
+        return self._shows
 
     def act(self, *arguments):
         """What xdotool answers."""
@@ -79,6 +80,8 @@ class Screen:
             picture = self.picture()
             if condition(picture):
                 return picture
+            if self._shows.poll() is not None:
+                raise AssertionError(f"ended with {self._shows.returncode}: {self._shows.stdout.read()}")
             sleep(0.1)
         raise AssertionError(f"not seen within {PATIENCE} s: {what}")
 
@@ -130,7 +133,8 @@ def start(screen):
     yield start_one
     for process in started:
         process.kill()
-        process.communicate()
+        process.wait()
+        process.stdout.close()
 
 
 def _is(grey):

@@ -14,7 +14,7 @@ from warp_smoke.preview.slices import QUANTITIES, Slice, cut_slice
 from warp_smoke.preview.smoke import SmokeVoxels, color_smoke, find_smoke, show_light
 from warp_smoke.scene import Light, SmokeDomain
 from warp_smoke.shading.textures import Picture
-from warp_smoke.usd.find import RESULTS_SUFFIX
+from warp_smoke.usd.find import find_stage
 from warp_smoke.usd.material import OWN_LOOK, VARIANT_SET
 from warp_smoke.usd.read import read_scene, read_stage, usd_message
 from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
@@ -160,21 +160,6 @@ class PreviewStage:
         """The domain whose smoke a volume holds; a default one for volumes of other makers."""
         paths = map(str, volume.GetRelationship(DOMAIN_RELATIONSHIP).GetTargets())
         return next(filter(None, map(self._domains.get, paths)), SmokeDomain(path=str(volume.GetPath())))
-
-
-def find_stage(path: str | Path) -> Path:
-    """The stage file that a path means: itself, or the one that a run wrote into a folder.
-
-    Raises:
-        ValueError: nothing is there, or the folder holds no results, or those of several runs.
-    """
-    path = Path(path)
-    if not path.is_dir():
-        return path
-    names = sorted(file.name.removesuffix(RESULTS_SUFFIX) for file in path.glob(f"*{RESULTS_SUFFIX}"))
-    if len(names) != 1:
-        raise ValueError(f"{path}: holds {len(names)} results {names}; allowed: one, or the path of a stage")
-    return path / f"{names[0]}.usda"
 
 
 def _file_times(stage: Usd.Stage) -> dict[str, int]:
