@@ -1,5 +1,6 @@
 """One layer or one package instead of layers over layers: they hold the same stage."""
 
+import os
 import shutil
 from zipfile import ZipFile
 
@@ -33,6 +34,22 @@ def test_a_flat_stage_is_the_same_stage(results, tmp_path):
     moved = tmp_path / "moved"
     shutil.copytree(results.root.parent, moved)
     assert str(moved) in picture_at(Usd.Stage.Open(str(moved / flat.name)), 6)
+
+
+def test_the_same_stage_gives_the_same_bytes(results):
+    """A flat stage and a package written again, also of files with other times, are the same to the byte."""
+    files = (results.root.with_suffix(".flat.usdc"), results.root.with_suffix(".usdz"))
+    written = []
+    for time in (10**9, 1.5 * 10**9):
+        for path in results.root.parent.rglob("*.png"):
+            os.utime(path, (time, time))
+        flatten_stage(results.root, files[0])
+        package_stage(results.root, files[1])
+        written.append([file.read_bytes() for file in files])
+    assert written[0] == written[1]
+    with ZipFile(files[1]) as archive:
+        assert archive.testzip() is None
+        assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
 
 
 def test_a_package_holds_everything_but_the_smoke(results, tmp_path):

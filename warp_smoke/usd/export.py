@@ -2,12 +2,18 @@
 
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
+from struct import pack, unpack
+from zipfile import ZipFile
 
 from pxr import Ar, Sdf, Tf, Usd, UsdUtils, UsdVol
 
 from warp_smoke.usd.write import replacing_layer
 
 FOLDERS = ("volumes", "textures")
+# Of zip archives (APPNOTE 4.3.7, 4.3.12): where a file's time and date are in its local header and in the central
+# directory, and there the lengths of name, extra field and comment, which follow the fixed part.
+LOCAL_TIME, CENTRAL_TIME, CENTRAL_LENGTHS, CENTRAL_SIZE = 10, 12, 28, 46
+EARLIEST = pack("<HH", 0, 1 << 5 | 1)
 
 
 def flatten_stage(stage: Path, file: Path) -> Path:
@@ -49,9 +55,25 @@ def package_stage(stage: Path, file: Path) -> Path:
             without_volumes.GetRootLayer().Export(str(layer))
             if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(layer)), str(partial), f"{file.stem}.usdc"):
                 raise OSError(f"{file}: cannot be packed")
+            _forget_times(partial)
     finally:
         layer.unlink(missing_ok=True)
     return file
+
+
+def _forget_times(package: Path) -> None:
+    """Sets the times of all files in a zip archive to 1980, so that equal stages give equal bytes."""
+    with ZipFile(package) as archive:
+        places = [entry.header_offset + LOCAL_TIME for entry in archive.infolist()]
+        at = archive.start_dir
+        for _ in range(len(places)):
+            places.append(at + CENTRAL_TIME)
+            archive.fp.seek(at + CENTRAL_LENGTHS)
+            at += CENTRAL_SIZE + sum(unpack("<HHH", archive.fp.read(6)))
+    with package.open("r+b") as file:
+        for place in places:
+            file.seek(place)
+            file.write(EARLIEST)
 
 
 def result_files(layer: Path) -> set[Path]:
