@@ -1,9 +1,16 @@
 """Fixtures that all tests share."""
 
+import signal
+
 import pytest
 import warp as wp
 
 from warp_smoke.launch import Launcher
+
+
+def pytest_configure(config):
+    """Lets the commands that tests start hear Ctrl-C, also where a shell has it ignored, as in background jobs."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _devices():
