@@ -21,10 +21,13 @@ from warp_smoke.preview.stage import PreviewStage
 from warp_smoke.usd.author import author_scene
 
 PROGRAMS = ("Xvfb", "xdotool", "import")
-pytestmark = pytest.mark.skipif(
-    not all(map(shutil.which, PROGRAMS)),
-    reason="needs Xvfb, xdotool and ImageMagick's import (apt-get install xvfb xdotool imagemagick)",
-)
+pytestmark = [
+    pytest.mark.skipif(
+        not all(map(shutil.which, PROGRAMS)),
+        reason="needs Xvfb, xdotool and ImageMagick's import (apt-get install xvfb xdotool imagemagick)",
+    ),
+    pytest.mark.xdist_group("screen"),  # two servers that start at once may be given one display's number
+]
 WIDTH, HEIGHT = 400, 300
 PATIENCE = 60.0  # for a busy machine [s]
 LIT, DARK = 200, 100  # of the floor in the frames 3 and 4
