@@ -40,7 +40,7 @@ class Screen:
 
     def __init__(self):
         reads, writes = os.pipe()
-        options = ["-displayfd", str(writes), "-screen", "0", "640x480x24", "-nolisten", "tcp"]
+        options = ["-displayfd", str(writes), "-screen", "0", "640x480x24", "-nolisten", "tcp", "-noreset"]
         self._server = subprocess.Popen(["Xvfb", *options], pass_fds=[writes], stderr=subprocess.DEVNULL)
         os.close(writes)
         with os.fdopen(reads) as pipe:
