@@ -84,6 +84,8 @@ class LivePreview:
         self._clock, self._plotter = clock, plotter
         self._stage = LiveStage(scene)
         self._view = StageView(self._stage, plotter, STEP)
+        self.closed = self._told_to_close = False
+        plotter.iren.add_observer("ExitEvent", self._note_close)
         # The first picture takes longest, since the driver compiles its shaders: before the run, not within it.
         self._view.show(self._stage.full_frame())
         plotter.show(interactive_update=True, auto_close=False)
@@ -92,8 +94,6 @@ class LivePreview:
         plotter.update()
         self.drawn: list[int] = []
         self.spent = 0.0
-        self.closed = self._told_to_close = False
-        plotter.iren.add_observer("ExitEvent", self._note_close)
         self._began = clock()
         # What the next drawing may cost: as much as the dearest of the last ones, on a machine that does other things.
         self._costs = deque([self._began - began], maxlen=REMEMBERED)
