@@ -7,12 +7,16 @@ from types import FrameType
 
 def main() -> None:
     """Entry point of `warp-smoke`."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        if signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, _stop)
+    numbers = [each for each in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(each) != signal.SIG_IGN]
+    for number in numbers:
+        signal.signal(number, _stop)
     from warp_smoke.cli import main
 
-    main()
+    try:
+        main()
+    finally:
+        for number in numbers:  # all is done: Python, on its way out, would only drop its own handlers
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _stop(number: int, frame: FrameType | None) -> None:

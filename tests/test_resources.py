@@ -119,12 +119,12 @@ ws.run(busy_scene(resolution=12, frames=1100), sys.argv[2], on_frame=look, check
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("script", "most"), [(_SIMULATED, 1), (_RUN, 24)], ids=["simulated", "run"])
+@pytest.mark.parametrize(("script", "most"), [(_SIMULATED, 3), (_RUN, 24)], ids=["simulated", "run"])
 def test_a_thousand_frames_leak_nothing(tmp_path, script, most):
     """With everything on, memory grows by less than so many KiB a frame.
 
-    One leaked field of the small scene would be 7 KiB a frame. A run keeps what its stage and report name: paths of
-    eight files, values at the points of a receiver, and each substep's residuals.
+    One leaked field of the small scene would be 7 KiB a frame; the heap itself wanders by 1. A run keeps what its
+    stage and report name: paths of eight files, values at the points of a receiver, and each substep's residuals.
     """
     args = [sys.executable, "-c", script, str(Path(__file__).parent), str(tmp_path)]
     done = subprocess.run(args, capture_output=True, text=True, check=True)

@@ -1,8 +1,10 @@
 """Composed stages are read as what they compose to."""
 
+import re
+
 import numpy as np
 import pytest
-from pxr import Usd
+from pxr import Sdf, Usd, UsdGeom
 from stage_text import QUAD, write_stage
 
 from warp_smoke.geometry import transform_points, winding_flips
@@ -211,3 +213,15 @@ def test_a_whole_room_as_if_flattened(tmp_path, instanceable):
     assert "/World/One/Floor" in spot.illuminates
     assert "/World/Two/Floor" not in spot.illuminates
     assert not [path for path in spot.illuminates if "Stones" in path]
+
+
+@pytest.mark.parametrize(("name", "meant"), [("ids", "int64[]"), ("protoIndices", "int[]"), ("positions", "point3f[]")])
+def test_instancers_of_another_type(tmp_path, name, meant):
+    """A layer that gives an instancer's attribute another type is refused in one line."""
+    layer = Sdf.Layer.CreateNew(str(tmp_path / "many.usda"))
+    prim = UsdGeom.PointInstancer.Define(Usd.Stage.Open(layer), "/Many").GetPrim()
+    Sdf.AttributeSpec(layer.GetPrimAtPath(prim.GetPath()), name, Sdf.ValueTypeNames.Bool).default = True
+    layer.defaultPrim = "Many"
+    layer.Save()
+    with pytest.raises(ValueError, match=rf"/Many: {name} is of type bool; allowed: {re.escape(meant)}$"):
+        Scene.open(tmp_path / "many.usda")

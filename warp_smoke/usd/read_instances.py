@@ -84,9 +84,10 @@ class _Instances:
         """USD computes transforms and masks of nothing but the types that its schema names."""
         for attribute in attributes:
             meant = self.prim.GetPrimDefinition().GetAttributeDefinition(attribute.GetName()).GetTypeName()
-            if attribute.GetTypeName() != meant:
-                shown = f"of type {attribute.GetTypeName()}"
-                raise self._reader.error(self.prim.GetPath(), attribute.GetName(), shown, str(meant))
+            # What layers say it is: the attribute itself may name its schema's type, and still give another's values.
+            for kind in (attribute.GetTypeName(), *(spec.typeName for spec in attribute.GetPropertyStack())):
+                if kind != meant:
+                    raise self._reader.error(self.prim.GetPath(), attribute.GetName(), f"of type {kind}", str(meant))
 
     def _at(self, time: float) -> dict[int, _Instance]:
         """The instances at a time code by their identity."""
