@@ -5,7 +5,7 @@ It is what baked textures are checked against: at the same point it has the same
 
 from warp_smoke.picture.render import render, render_kernels, render_picture, simulate_smoke
 from warp_smoke.picture.renderer import MAX_PIXELS, SHADINGS, PictureRenderer
-from warp_smoke.picture.smoke import SmokeVolume
+from warp_smoke.picture.smoke_volume import SmokeVolume
 
 __all__ = [
     "MAX_PIXELS",

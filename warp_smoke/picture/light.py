@@ -2,21 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 
 from warp_smoke.launch import Launcher
+from warp_smoke.picture.smoke_volume import SmokeVolume
 from warp_smoke.scene import Light, Surface
 from warp_smoke.shading.light_source import light_source
 from warp_smoke.shading.surface_points import SurfacePoints
 from warp_smoke.shadow.casters import Casters
 from warp_smoke.shadow.light_buffer import buffer_serves
 from warp_smoke.shadow.ray_traced import RayTracedShadow
-
-if TYPE_CHECKING:
-    from warp_smoke.picture.smoke import SmokeVolume
 
 # Slices in a layer of the light buffer: smoke shadows itself, so that each slice counts.
 _SLICES_IN_A_LAYER = 2
@@ -38,7 +35,7 @@ class PictureLight:
         light: Light,
         surfaces: Sequence[Surface],
         casters: Casters,
-        volumes: Sequence["SmokeVolume"],
+        volumes: Sequence[SmokeVolume],
         origin: np.ndarray,
         time: float,
     ):
@@ -105,7 +102,7 @@ class PictureLight:
         return share
 
 
-def _smoke_shadow(launcher: Launcher, light: Light, volume: "SmokeVolume", origin: np.ndarray, time: float):
+def _smoke_shadow(launcher: Launcher, light: Light, volume: SmokeVolume, origin: np.ndarray, time: float):
     from warp_smoke.shadow.methods import SMOKE_SHADOWS  # pictures without smoke need none of them
 
     domain = volume.domain

@@ -10,7 +10,7 @@ from warp_smoke.files import write_png
 from warp_smoke.kernels import smoke_shadow_kernels
 from warp_smoke.launch import Launcher, load_kernels
 from warp_smoke.picture.renderer import PictureRenderer
-from warp_smoke.picture.smoke import SmokeVolume
+from warp_smoke.picture.smoke_volume import SmokeVolume
 from warp_smoke.quality import choose_quality, samples_of
 from warp_smoke.scene import Scene
 

@@ -10,7 +10,8 @@ from warp_smoke.geometry import transform_points
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher
 from warp_smoke.picture.light import PictureLight
-from warp_smoke.picture.smoke import SmokeVolume, scattering_smoke
+from warp_smoke.picture.smoke import scattering_smoke
+from warp_smoke.picture.smoke_volume import SmokeVolume
 from warp_smoke.record import FieldError, value_at
 from warp_smoke.scene import Material, Scene
 from warp_smoke.shading.looks import make_looks, without_pictures

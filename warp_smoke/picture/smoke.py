@@ -1,7 +1,7 @@
 """Smoke in a picture: its density at one time, cut to where it is, and the light that it scatters."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -9,27 +9,13 @@ import warp as wp
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher
 from warp_smoke.picture.light import PictureLight
-from warp_smoke.scene import Light, SmokeDomain
+from warp_smoke.picture.smoke_volume import SmokeVolume
+from warp_smoke.scene import Light
 from warp_smoke.shading.smoke_march import ScatteringSmoke
 from warp_smoke.shading.volume import VolumeLight
 from warp_smoke.shadow.light_buffer import set_to_cells
 
 _STEP = 0.5  # between samples of a march [cells]
-
-
-@dataclass(frozen=True, eq=False)
-class SmokeVolume:
-    """Smoke at one time.
-
-    Attributes:
-        domain: gives its extinction and albedo.
-        lattice: where its cells lie.
-        density: [nx, ny, nz] float32 at cell centres.
-    """
-
-    domain: SmokeDomain
-    lattice: Lattice
-    density: np.ndarray
 
 
 def scattering_smoke(

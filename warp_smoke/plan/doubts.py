@@ -1,19 +1,16 @@
 """Meshes that can be worked with, but that hardly are what their maker meant; each is worth a warning."""
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from warp_smoke.geometry import Mesh, corner_normals, transform_normals, transform_points
+from warp_smoke.plan.passes import DomainPlan, ReceiverPlan
 from warp_smoke.plan.reach import is_moving
 from warp_smoke.scene import DistantLight, Light, Surface
 
-if TYPE_CHECKING:
-    from warp_smoke.plan.passes import DomainPlan, ReceiverPlan
 
-
-def open_meshes(domains: Iterable["DomainPlan"]) -> Iterator[str]:
+def open_meshes(domains: Iterable[DomainPlan]) -> Iterator[str]:
     """Emitters and colliders with holes, whose inside can only be estimated."""
     shapes = {each.path: each for domain in domains for each in (*domain.emitters, *domain.colliders)}
     for path, each in shapes.items():
@@ -22,7 +19,7 @@ def open_meshes(domains: Iterable["DomainPlan"]) -> Iterator[str]:
             yield f"{path}: its mesh is not closed; what counts as inside it is estimated"
 
 
-def dark_receivers(receivers: Iterable["ReceiverPlan"], time: float) -> Iterator[str]:
+def dark_receivers(receivers: Iterable[ReceiverPlan], time: float) -> Iterator[str]:
     """Receivers that bake black for their winding or their normals."""
     for each in receivers:
         if each.lights and faces_away(each.surface, [light.light for light in each.lights], time):

@@ -1,9 +1,6 @@
 """Estimates of the host's memory beside the device's: results that wait to be written, and checkpoints."""
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from warp_smoke.plan.passes import DomainPlan, ReceiverPlan
+from warp_smoke.plan.passes import DomainPlan, ReceiverPlan
 
 # Floats of a cell: a checkpoint has velocity, pressure, density and temperature; of frames in hand there is one that
 # is made and one or two that are written (measured on the example stages).
@@ -15,7 +12,7 @@ _BAKE = 16
 _PROCEDURAL = 128
 
 
-def host_estimate(domains: "tuple[DomainPlan, ...]", receivers: "tuple[ReceiverPlan, ...]") -> dict[str, int]:
+def host_estimate(domains: tuple[DomainPlan, ...], receivers: tuple[ReceiverPlan, ...]) -> dict[str, int]:
     """Host memory by prim path of domain and receiver [bytes]."""
     found = {}
     for each in domains:

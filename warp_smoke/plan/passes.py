@@ -6,10 +6,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from warp_smoke.lattice import Lattice
-from warp_smoke.plan.doubts import dark_receivers, open_meshes
-from warp_smoke.plan.host_memory import host_estimate
-from warp_smoke.quality import Chosen
-from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, Emitter, Light, Scene, SmokeDomain, Surface
+from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, Emitter, Light, SmokeDomain, Surface
 
 # Fluid first, then what reads its density; inside each group as a step runs.
 PASS_NAMES = (
@@ -186,77 +183,3 @@ def buffer_layers(lights: Iterable[LightPlan]) -> dict[tuple[str, str, str], int
             key = (light.light.path, each.domain.domain.path, each.method)
             layers[key] = min(filter(None, (layers.get(key), each.layer)), default=None)
     return layers
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What is run for a scene.
-
-    Attributes:
-        passes: in the order in which they run.
-        left_out: what is not run.
-        domains, receivers, volumes: the same, as the executor reads it.
-        bytes: estimate of device memory by prim path [bytes].
-        chosen: settings that a quality preset, an error or a budget chose; None = all are the scene's.
-    """
-
-    scene: Scene
-    passes: tuple[Pass, ...]
-    left_out: tuple[LeftOut, ...]
-    domains: tuple[DomainPlan, ...]
-    receivers: tuple[ReceiverPlan, ...]
-    volumes: tuple[VolumePlan, ...]
-    bytes: dict[str, int]
-    chosen: Chosen | None = None
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the user marked for smoke or baking, and that makes none; and doubtful meshes."""
-        marked = {each.path for each in self.scene.domains} | {each.path for each in self.scene.surfaces}
-        missing = (
-            f"{out.subjects[0]}: {out.why}"
-            for out in self.left_out
-            if out.name in ("simulate", "bake") and len(out.subjects) == 1 and out.subjects[0] in marked
-        )
-        return (*missing, *open_meshes(self.domains), *dark_receivers(self.receivers, self.scene.start))
-
-    @property
-    def memory(self) -> str:
-        """The estimates in a line."""
-        device, host = (sum(each.values()) / 2**20 for each in (self.bytes, self.host_bytes))
-        return f"Memory, estimated: {device:.0f} MiB on the device and {host:.0f} MiB for files in hand"
-
-    @property
-    def host_bytes(self) -> dict[str, int]:
-        """Estimate of the host's memory beside the device's, by prim path [bytes]."""
-        return host_estimate(self.domains, self.receivers)
-
-    def check_memory(self, available: int, device: str = "cpu") -> None:
-        """Refuses a plan that is larger than the memory that is free.
-
-        Args:
-            available: bytes that are free on the device.
-            device: the CPU's memory holds files that wait to be written as well.
-
-        Raises:
-            MemoryError: says by how much, and which resolution would fit.
-        """
-        parts = dict(self.bytes)
-        if device == "cpu":
-            parts = {path: parts.get(path, 0) + self.host_bytes.get(path, 0) for path in parts | self.host_bytes}
-        needed = sum(parts.values())
-        if needed <= available:
-            return
-        largest = max(each.domain.resolution for each in self.domains) if self.domains else None
-        fluid = sum(parts[each.domain.path] for each in self.domains)
-        left = available - (needed - fluid)
-        line = f"the plan needs {needed / 2**20:.0f} MiB of memory and {available / 2**20:.0f} MiB are free"
-        if largest and left > 0:
-            line += f"; --resolution {max(1, int(0.98 * largest * (left / fluid) ** (1 / 3)))} would fit"
-        raise MemoryError(line)
-
-    def __str__(self) -> str:
-        runs = [f"  {each}" for each in self.passes] or ["  nothing"]
-        rests = [f"  {each}" for each in self.left_out]
-        chosen = [str(self.chosen)] if self.chosen else []
-        return "\n".join([*chosen, "Runs, in this order:", *runs, "Left out:", *rests, self.memory])

@@ -4,7 +4,8 @@ from pathlib import Path
 
 from warp_smoke.plan.fluid import plan_domain
 from warp_smoke.plan.memory import memory_estimate
-from warp_smoke.plan.passes import Ledger, Plan
+from warp_smoke.plan.passes import Ledger
+from warp_smoke.plan.plan import Plan
 from warp_smoke.plan.shading import plan_receivers
 from warp_smoke.plan.surface_shadow import SurfaceShadows
 from warp_smoke.plan.volumes import plan_volumes
