@@ -1,0 +1,63 @@
+"""What the commands print: results on standard output, all else on standard error."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from warp_smoke.study.case import Row
+
+out, err = Console(), Console(stderr=True)
+
+# In a log, where no bar can move, a line says now and then how far a command is.
+_SECONDS_BETWEEN_LINES = 10
+
+
+def warn(warnings: Iterable[str]) -> None:
+    """Prints warnings, a line each."""
+    for warning in warnings:
+        err.print(f"[yellow]warning[/yellow] {warning}", soft_wrap=True, highlight=False)
+
+
+def say_written(files: Iterable[Path]) -> None:
+    """Names the files that a command has written."""
+    for file in files:
+        out.print(f"Wrote {file}", soft_wrap=True, highlight=False)
+
+
+def progress_bar() -> "Progress":
+    """A line on the terminal that tells how far a command is; nothing where there is no terminal."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    return Progress(*columns, TimeRemainingColumn(), console=err, transient=True, disable=not err.is_terminal)
+
+
+class SlowLines:
+    """Lines for a log, where there is no bar: one every ten seconds at most."""
+
+    def __init__(self, bar: "Progress"):
+        self._wanted, self._said = bar.disable, monotonic()
+
+    def say(self, line: str) -> None:
+        """Prints the line if it is time for one."""
+        if self._wanted and monotonic() - self._said > _SECONDS_BETWEEN_LINES:
+            self._said = monotonic()
+            err.print(line, highlight=False)
+
+
+def say_rows(bar: "Progress") -> Callable[["Row", int, int], None]:
+    """Shows how far a study is: for each row, its number and their count."""
+    task = bar.add_task("Measuring (kernels are compiled on first use)", total=None)
+    lines = SlowLines(bar)
+
+    def show(row: "Row", number: int, count: int) -> None:
+        bar.update(task, completed=number, total=count, description=f"{row.suite}: {row.problem}, {row.method}")
+        lines.say(f"{number} of {count}: {row.suite}, {row.problem}, {row.method}")
+
+    return show

@@ -1,0 +1,49 @@
+"""`warp-smoke preview`: a stage or results to look at."""
+
+from pathlib import Path
+
+import warp_smoke
+from warp_smoke.cli.console import progress_bar, say_written
+from warp_smoke.cli.options import picture_size
+
+
+def preview(
+    path: Path,
+    *,
+    frame: int | None = None,
+    screenshot: Path | None = None,
+    movie: Path | None = None,
+    html: Path | None = None,
+    show: str | None = None,
+    size: str = "1280x720",
+):
+    """Look at a stage, or at the results in a folder: in a window (press h there), a picture, a movie or a web page.
+
+    Args:
+        path: A USD stage or a folder written by `run`.
+        frame: Frame to start with; the middle one unless given.
+        screenshot: Save a picture here instead of opening a window.
+        movie: Save all frames as a movie here instead: .mp4 (needs ffmpeg or the package imageio-ffmpeg) or .gif.
+        html: Save all frames here instead, as pictures in one web page that plays them in any browser.
+        show: density, temperature or speed: a cut through the smoke by colour, with a bar, instead of its look.
+        size: Width and height in pixels.
+    """
+    pixels = picture_size(size)
+    with progress_bar() as bar:
+        outputs = [file for file in (movie, html) if file is not None]
+        task = bar.add_task("Drawing", total=None, visible=bool(outputs))
+
+        def show_frame(number: int, count: int) -> None:
+            bar.update(task, advance=1, total=len(outputs) * count, description=f"Frame {number}")
+
+        warp_smoke.preview(
+            path,
+            frame=frame,
+            screenshot=screenshot,
+            size=pixels,
+            movie=movie,
+            html=html,
+            quantity=show,
+            on_frame=show_frame,
+        )
+    say_written(filter(None, (screenshot, movie, html)))

@@ -1,0 +1,39 @@
+"""`warp-smoke render`: a ray-cast picture."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+import warp_smoke
+from warp_smoke.cli.console import say_written
+from warp_smoke.cli.options import DeviceOptions, picture_size
+
+
+def render(
+    path: Path,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    frame: int | None = None,
+    size: str = "640x360",
+    quality: str | None = None,
+    samples: int | None = None,
+    shading: str = "pixel",
+    device: DeviceOptions = DeviceOptions(),
+):
+    """Ray-cast a picture through the stage's camera: surfaces, their shadows, and smoke.
+
+    Args:
+        path: A USD stage, whose smoke is simulated up to the frame, or a folder written by `run`, whose smoke is read.
+        output: The PNG file.
+        frame: The frame; the middle one unless given.
+        size: Width and height in pixels.
+        quality: draft, preview or final: measured settings for the samples, and for smoke that has to be simulated.
+        samples: Rays along each side of a pixel; 2, or those of the quality, unless given.
+        shading: Light for each pixel, or for each vertex.
+        device: Where it is computed.
+    """
+    options = {"quality": quality, "samples": samples, "shading": shading} | asdict(device)
+    warp_smoke.render(path, output, frame=frame, size=picture_size(size), **options)
+    say_written([output])

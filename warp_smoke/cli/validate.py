@@ -1,0 +1,29 @@
+"""`warp-smoke validate`: whether every DCC accepts a stage."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from warp_smoke.cli.console import out
+from warp_smoke.cli.options import Json
+
+
+def validate(path: Path, *, as_json: Json = False):
+    """Check that a stage is one that every DCC accepts; exit status 1 if it is not.
+
+    Args:
+        path: A USD stage or a folder written by `run`.
+        as_json: Print the problems as JSON.
+    """
+    from warp_smoke.usd.validate import validate_stage
+
+    problems = validate_stage(path)
+    if as_json:
+        print(json.dumps([asdict(problem) for problem in problems], indent=2, default=str))
+    else:
+        for problem in problems:
+            out.print(str(problem), soft_wrap=True, markup=False)
+        severities = [problem.severity for problem in problems]
+        counts = [f"{severities.count(each)} {each}(s)" for each in dict.fromkeys(severities)]
+        out.print(f"{path}: {', '.join(counts) or 'no problems'}", soft_wrap=True, highlight=False)
+    return 1 if any(problem.severity == "error" for problem in problems) else 0
