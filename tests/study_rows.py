@@ -32,16 +32,18 @@ def make_row(**fields) -> Row:
 
 
 class FakeSuite(SimpleNamespace):
-    """A suite of cases whose errors and times are given."""
+    """A suite of cases whose errors and times are given; `reference` is what the errors are measured from."""
 
     TITLE, MAIN_ERROR, ERROR_MEANS = "A suite", "l2", "error"
 
     def __init__(self, results: dict[str, tuple[float, float]]):
-        super().__init__(results=results, measured=[])
+        super().__init__(results=results, measured=[], reference=None)
 
     def cases(self, full):
         """One for each method, in the place of the suite flow."""
-        return [Case("flow", "p", method, {}, 8, None, self._measure(method)) for method in self.results]
+        return [
+            Case("flow", "p", method, {}, 8, None, self._measure(method), self.reference) for method in self.results
+        ]
 
     def _measure(self, method):
         def measure(launcher, repeats):

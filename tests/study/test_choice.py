@@ -34,9 +34,8 @@ def same_sources(monkeypatch):
 
 def row_of(case, error, milliseconds, failure=None):
     """A stored row of a case."""
-    about = {
-        name: getattr(case, name) for name in ("suite", "problem", "method", "parameters", "resolution", "dt", "key")
-    }
+    names = ("suite", "problem", "method", "parameters", "resolution", "dt", "key", "reference")
+    about = {name: getattr(case, name) for name in names}
     seconds = 1e-3 * milliseconds
     times = {"median": seconds, "quartile_low": seconds, "quartile_high": seconds, "repeats": 5, "set_up": 0.0}
     errors = {"density": error, "shadows": error}

@@ -17,9 +17,10 @@ def _case(measure, **fields):
 
 
 def test_key_tells_all_choices_apart():
-    """Each of suite, problem, method, parameters, resolution and step is in the key; the parameters' order is not."""
+    """All that a case is, and what it is measured from, is in the key; the order of parameters is not."""
     case = _case(None)
     changes = [{"suite": "x"}, {"problem": "x"}, {"method": "x"}, {"parameters": {}}, {"resolution": 9}, {"dt": None}]
+    changes.append({"reference": "the finest run"})
     assert len({replace(case, **change).key for change in changes} | {case.key}) == len(changes) + 1
     assert _case(None, parameters={"a": 1, "b": 2}).key == _case(None, parameters={"b": 2, "a": 1}).key
 

@@ -10,7 +10,8 @@ from study_rows import make_row
 import warp_smoke as ws
 from warp_smoke.lattice import Lattice
 from warp_smoke.picture import SmokeVolume
-from warp_smoke.study import study
+from warp_smoke.study import disclosure, study
+from warp_smoke.study.conduct import disclose_study
 from warp_smoke.study.measure import measure_case
 from warp_smoke.study.outcome import Outcome, differences
 from warp_smoke.study.scene import (
@@ -25,6 +26,7 @@ from warp_smoke.study.scene import (
     recommended,
 )
 from warp_smoke.study.settings import effects_off
+from warp_smoke.study.store import Store
 
 BOX = ws.Surface(path="/World/Box", mesh=ws.Mesh.box(0.5), transform=at(1, 0.5, 0))
 
@@ -77,6 +79,21 @@ def test_large_stages_are_studied_coarser():
     finest = [case.resolution for case in SceneStudy(scene).cases(False) if case.problem == FINEST]
     assert finest[0] ** 3 <= 2**21
     assert [case.resolution for case in SceneStudy(scene).cases(True) if case.problem == FINEST] == [1024]
+
+
+def test_keys_say_what_rows_are_measured_from():
+    """A full study of 40 frames shares no row with a quick one of 25; of 3 frames, those whose reference is the same.
+
+    The finest run is then another one, and all that is measured from it.
+    """
+    scene = replace(_full_stage(), end=40)
+    quick, full = ({case.key: case for case in SceneStudy(scene).cases(full)} for full in (False, True))
+    assert not quick.keys() & full.keys()
+    assert {case.reference for case in quick.values() if case.problem == SMOKE} == {"maccormack at 12, frame 25"}
+    assert {case.reference for case in full.values() if case.problem == SMOKE} == {"maccormack at 16, frame 40"}
+    quick, full = ({case.key: case for case in SceneStudy(_full_stage()).cases(full)} for full in (False, True))
+    shared = _problems(quick[key] for key in quick.keys() & full.keys())
+    assert shared == {EFFECTS, PRESSURE, SURFACE_SHADOWS, SMOKE_SHADOWS}
 
 
 def test_each_effect_is_switched_off():
@@ -153,12 +170,14 @@ def test_recommended_is_the_cheapest_that_is_nearly_the_best():
     assert recommended(rows, "l2").median == 2.0
 
 
-def test_results_of_another_stage_are_refused(tmp_path):
-    """A changed stage in the same folder: a line that names what differs, and nothing overwritten."""
-    from warp_smoke.study.store import Store
-
-    Store(tmp_path, {"stage": "a.usda", "scene": "1"})
+def test_results_of_another_stage_are_refused(launcher, tmp_path, monkeypatch):
+    """A lamp that was moved, in the same folder: a line that names what differs, nothing measured or overwritten."""
+    monkeypatch.setattr(disclosure, "source_digest", lambda: "0" * 12)
+    room, threads = _room(), launcher.threads
+    Store(tmp_path, disclose_study(launcher, room)).add(make_row(suite="scene"))
     before = (tmp_path / "results.json").read_bytes()
-    with pytest.raises(ValueError, match="scene is 1; allowed: 2"):
-        Store(tmp_path, {"stage": "a.usda", "scene": "2"})
+    moved = replace(room, lights=[replace(room.lights[0], transform=at(1, 3, 0))])
+    with pytest.raises(ValueError, match=r"results.json: scene is \w+; allowed: \w+, as in this run; choose another"):
+        study(moved, tmp_path, device=str(launcher.device), threads=threads)
     assert (tmp_path / "results.json").read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["results.json"]

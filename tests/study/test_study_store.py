@@ -8,7 +8,7 @@ import pytest
 from study_rows import FakeSuite, make_row
 
 from warp_smoke.record import FieldError
-from warp_smoke.study import conduct, study
+from warp_smoke.study import conduct, disclosure, study
 from warp_smoke.study.store import Store, csv_text, read_results
 
 FACTS = {"warp-smoke": "0.1", "device": "cpu", "threads": 2}
@@ -19,6 +19,7 @@ def suite(monkeypatch):
     """A fake suite in the place of `flow`."""
     fake = FakeSuite({"quick": (0.1, 1.0), "exact": (0.01, 3.0), "beaten": (0.2, 2.0), "broken": (None, 0.0)})
     monkeypatch.setattr(conduct, "load_suite", lambda name: fake)
+    monkeypatch.setattr(disclosure, "source_digest", lambda: "0" * 12)  # unchanged, also while someone works on it
     return fake
 
 
@@ -69,6 +70,20 @@ def test_study_writes_everything_and_shows_failures(suite, tmp_path):
     for name in ("results.json", "results.csv", "study.html"):
         assert "it went wrong" in (tmp_path / "out" / name).read_text()
     json.dumps(result.as_json(), allow_nan=False)
+
+
+def test_rows_of_two_references_do_not_mix(suite, tmp_path):
+    """A study against another finest run measures its own rows; the earlier ones stay stored, but are not shown."""
+    del suite.results["broken"]
+    for suite.reference in ("a coarse run", "a fine run"):
+        result = study(None, tmp_path, suites=["flow"])
+        assert [row.reference for row in result.rows] == [suite.reference] * 3
+        assert f"measured from {suite.reference}" in result.page.read_text()
+        table = csv.DictReader(StringIO((tmp_path / "results.csv").read_text()))
+        assert [line["reference"] for line in table] == [suite.reference] * 3
+    assert suite.measured == ["quick", "exact", "beaten"] * 2
+    _, rows = read_results(tmp_path / "results.json")
+    assert [row.reference for row in rows] == ["a coarse run"] * 3 + ["a fine run"] * 3
 
 
 def test_interrupted_study_goes_on(suite, tmp_path):

@@ -49,6 +49,7 @@ class Case:
         resolution: cells, texels or rays along one side.
         dt: time step [s], or None where nothing moves.
         measure: builds the arrays, runs, compares; takes the launcher and the number of repeats.
+        reference: the run that errors are measured from, in words; None for a known answer.
     """
 
     suite: str
@@ -58,12 +59,14 @@ class Case:
     resolution: int
     dt: float | None
     measure: Callable[[Launcher, int], Measured] = field(compare=False, repr=False)
+    reference: str | None = None
 
     @property
     def key(self) -> str:
         """What tells this case from all others, in this run and in later ones."""
         chosen = json.dumps(dict(sorted(self.parameters.items())))
-        return f"{self.suite}/{self.problem}/{self.method}/{chosen}/{self.resolution}/{self.dt}"
+        key = f"{self.suite}/{self.problem}/{self.method}/{chosen}/{self.resolution}/{self.dt}"
+        return key if self.reference is None else f"{key}/{self.reference}"
 
 
 @dataclass(frozen=True)
@@ -71,8 +74,7 @@ class Row:
     """A case that was measured, or failed.
 
     Attributes:
-        suite, problem, method, parameters, resolution, dt: the case's.
-        key: the case's.
+        suite, problem, method, parameters, resolution, dt, key, reference: the case's.
         errors: by name; those that are finite.
         median, quartile_low, quartile_high: of the repeats' times [s]; None if the case raised an error.
         repeats: how many there were.
@@ -100,6 +102,7 @@ class Row:
     copy_share: float | None
     failure: str | None
     passes: Mapping[str, float] = field(default_factory=dict)
+    reference: str | None = None
 
     @property
     def labels(self) -> dict[str, str]:

@@ -1,6 +1,6 @@
 """Conducts a study: measures what is not yet measured, and writes tables, diagrams and the page."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from warp_smoke.files import replacing, write_text
 from warp_smoke.fingerprint import digest, fingerprint
 from warp_smoke.launch import Launcher
 from warp_smoke.scene import Scene
-from warp_smoke.study.case import Row, Suite
+from warp_smoke.study.case import Case, Row, Suite
 from warp_smoke.study.disclosure import disclose
 from warp_smoke.study.measure import measure_case
 from warp_smoke.study.store import Store, csv_text
@@ -25,7 +25,7 @@ class Study:
     Attributes:
         folder: has results.json, results.csv, study.html, and a diagram SUITE.png for each suite.
         disclosure: device, threads, versions, commit and copy bandwidth.
-        rows: all that were measured, in the order of the suites' cases.
+        rows: all that were measured from the same references, in the order of the suites' cases.
         orders: fitted orders by suite, problem and method.
         unexpected: by suite, where known answers are missed, one line each.
         recommendation: what to choose for the stage, in one line; None without a stage.
@@ -76,11 +76,7 @@ def conduct(
     on_row: Callable[[Row, int, int], None] | None,
 ) -> Study:
     """See `warp_smoke.study.study`."""
-    suites: dict[str, Suite] = {name: load_suite(name) for name in names if name != SCENE}
-    if SCENE in names:
-        from warp_smoke.study.scene import SceneStudy
-
-        suites[SCENE] = SceneStudy(scene)
+    suites: dict[str, Suite] = {name: _suite(name, scene) for name in names}
     launcher = Launcher(device, threads)
     disclosure = disclose_study(launcher, scene)
     cases = [case for suite in suites.values() for case in suite.cases(full)]
@@ -93,15 +89,10 @@ def conduct(
             on_row(store.rows[case.key], index + 1, len(cases))
     # Suites that an earlier study left in the folder are on the page too.
     stored = {row.suite for row in store.rows.values()}
-    earlier = {name: load_suite(name) for name in SUITES if name in stored and name not in suites}
+    earlier = {name: _suite(name, scene) for name in (SCENE, *SUITES) if name in stored and name not in suites}
     suites = {name: (earlier | suites)[name] for name in (SCENE, *SUITES) if name in (earlier | suites)}
-    rank = {case.key: index for index, case in enumerate(cases)}
-    rows = {
-        name: sorted(
-            (row for row in store.rows.values() if row.suite == name), key=lambda row: rank.get(row.key, len(rank))
-        )
-        for name in suites
-    }
+    shown = comparable(store.rows.values(), cases)
+    rows = {name: [row for row in shown if row.suite == name] for name in suites}
     _write(folder, disclosure, suites, rows)
     valid = {name: [row for row in found if row.failure is None] for name, found in rows.items()}
     return Study(
@@ -112,6 +103,29 @@ def conduct(
         unexpected={name: suite.unexpected(valid[name]) for name, suite in suites.items()},
         recommendation=suites[SCENE].recommendation(valid[SCENE]) if SCENE in suites else None,
     )
+
+
+def comparable(rows: Iterable[Row], cases: Sequence[Case]) -> list[Row]:
+    """The rows that may stand in one diagram: of each problem those whose errors are measured from the same run.
+
+    Args:
+        rows: all that are stored, the latest last.
+        cases: of this study; their rows come first, and what they are measured from goes before.
+    """
+    rows = list(rows)
+    references = {(each.suite, each.problem): each.reference for each in (*rows, *cases)}
+    rank = {case.key: index for index, case in enumerate(cases)}
+    kept = [row for row in rows if row.reference == references[row.suite, row.problem]]
+    return sorted(kept, key=lambda row: rank.get(row.key, len(rank)))
+
+
+def _suite(name: str, scene: Scene | None) -> Suite:
+    """A suite by its name."""
+    if name != SCENE:
+        return load_suite(name)
+    from warp_smoke.study.scene import SceneStudy
+
+    return SceneStudy(scene)
 
 
 def disclose_study(launcher: Launcher, scene: Scene | None) -> dict:

@@ -28,6 +28,7 @@ def measure_case(launcher: Launcher, case: Case, gigabytes_per_second: float) ->
         "resolution": case.resolution,
         "dt": case.dt,
         "key": case.key,
+        "reference": case.reference,
     }
     began = perf_counter()
     try:

@@ -160,7 +160,9 @@ def _settings(suite: Suite, rows: Sequence[Row]) -> str:
         error, _ = panel_error(suite, problem)
         front = {row.key for row in pareto_front(found, error)}
         fair += len(front)
-        lines.append(f'<tr class="head"><td colspan="{len(head)}">{escape(problem)}</td></tr>')
+        reference = found[0].reference
+        source = f'<span class="soft"> · measured from {escape(reference)}</span>' if reference else ""
+        lines.append(f'<tr class="head"><td colspan="{len(head)}">{escape(problem)}{source}</td></tr>')
         for row in sorted(found, key=lambda row: row.median or 0.0):
             chosen = escape(", ".join(f"{name.replace('_', ' ')} {value}" for name, value in row.labels.items()))
             start = f"<td>{escape(row.method)}</td><td>{chosen}</td>"

@@ -131,11 +131,12 @@ class SceneStudy:
         def measure(launcher: Launcher, repeats: int) -> Measured:
             outcome, measured = run_scene(launcher, scene, repeats)
             if scene is finest:
-                self._outcomes[_key(finest)] = outcome
+                self._outcomes[_run_in_words(finest)] = outcome
             return replace(measured, errors=differences(outcome, self._outcome(launcher, finest)))
 
         resolution = scene.domains[0].resolution if self._plan.domains else 0
-        return Case("scene", problem, method, parameters, resolution, 1 / scene.time_codes_per_second, measure)
+        dt = 1 / scene.time_codes_per_second
+        return Case("scene", problem, method, parameters, resolution, dt, measure, _run_in_words(finest))
 
     def _light_case(
         self, problem: str, method: str, parameters: dict, resolution: int, scene: Scene, traced: Scene, frames: Scene
@@ -150,14 +151,15 @@ class SceneStudy:
             errors = differences(outcome, self._traced[problem])
             return replace(measured, errors={"shadows": errors["shadows"]})
 
-        return Case("scene", problem, method, parameters, resolution, None, measure)
+        reference = f"rays, {_run_in_words(frames)}"
+        return Case("scene", problem, method, parameters, resolution, None, measure, reference)
 
     def _outcome(self, launcher: Launcher, scene: Scene) -> Outcome:
         """The last frame of a run that others are compared with, made when it is first asked for."""
-        key = _key(scene)
-        if key not in self._outcomes:
-            self._outcomes[key], _ = run_scene(launcher, scene, 0)
-        return self._outcomes[key]
+        name = _run_in_words(scene)
+        if name not in self._outcomes:
+            self._outcomes[name], _ = run_scene(launcher, scene, 0)
+        return self._outcomes[name]
 
     def order(self, rows: Sequence[Row]) -> dict[tuple[str, str], float]:
         """None: a stage has no known answer."""
@@ -201,7 +203,10 @@ def recommended(rows: Sequence[Row], error: str) -> Row:
     return next(row for row in front if row.errors[error] <= enough)
 
 
-def _key(scene: Scene) -> str:
-    """Tells the variants of one stage's smoke apart."""
-    domains = [(domain.resolution, domain.advection, domain.pressure_tolerance) for domain in scene.domains]
-    return f"{scene.end} {domains}"
+def _run_in_words(scene: Scene) -> str:
+    """Tells the variants of one stage's smoke apart, also from those of other studies of the stage."""
+    words = []
+    for domain in scene.domains:
+        words.append(f"{domain.advection or DEFAULT_ADVECTION} at {domain.resolution}")
+        words += [] if domain.pressure_tolerance is None else [f"pressure to {domain.pressure_tolerance:g}"]
+    return ", ".join([*words, f"frame {scene.end}"])

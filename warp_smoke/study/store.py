@@ -12,7 +12,7 @@ from warp_smoke.study.case import Row
 from warp_smoke.study.disclosure import IDENTITY
 
 RESULTS = "results.json"
-_COLUMNS = ("suite", "problem", "method", "parameters", "resolution", "dt")
+_COLUMNS = ("suite", "problem", "method", "parameters", "resolution", "dt", "reference")
 _TIMES = ("median", "quartile_low", "quartile_high", "repeats", "set_up", "ns_per_cell", "copy_share")
 
 
@@ -79,7 +79,7 @@ def csv_text(disclosure: dict, rows: list[Row]) -> str:
     table.writerow([*_COLUMNS, *names, *_TIMES, "failure", *disclosure])
     for row in rows:
         chosen = "; ".join(f"{name}={value}" for name, value in row.parameters.items())
-        about = [row.suite, row.problem, row.method, chosen, row.resolution, row.dt]
+        about = [row.suite, row.problem, row.method, chosen, row.resolution, row.dt, row.reference]
         errors, times = [row.errors.get(name) for name in names], [getattr(row, name) for name in _TIMES]
         table.writerow([*about, *errors, *times, row.failure, *disclosure.values()])
     return stream.getvalue()
