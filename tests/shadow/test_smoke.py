@@ -123,6 +123,19 @@ def test_slab_is_exact(launcher, lattice_at, distant_light, point_light, transmi
         np.testing.assert_allclose(lit, np.exp(-2.0 * 0.7 * 0.8 / cosine), rtol=1e-5)
 
 
+def test_floor_under_the_box(launcher, lattice_at, point_light, transmittance):
+    """Round-off that puts a floor into the box it touches does not change its shadow, where rays leave by the bottom.
+
+    The buffer's slices lie across x, so each ray leaves after another share of them; one layer holds them all.
+    """
+    lattice = lattice_at((32,) * 3, voxel_size=2 / 32)
+    shadow = _shadow(launcher, lattice, point_light((3.0, 0.9, 0.1)), np.ones(lattice.shape), 3.0, layer=None)
+    floor = np.random.default_rng(5).uniform((-0.9, -1, -0.9), (0.9, -1, 0.9), (500, 3))
+    below, into = (transmittance(shadow, points=np.add(floor, (0, y * 2 / 32, 0))) for y in (-1e-4, 1e-4))
+    assert below.max() < 0.9
+    np.testing.assert_allclose(into, below, rtol=1e-3)  # a thousandth of a cell's smoke at most
+
+
 def test_uniform_sphere(launcher, lattice_at, distant_light, transmittance):
     """Behind a uniform ball τ = σ 2 √(R² − b²); its sharp edge costs less than a cell's width of smoke."""
     cells, radius = 64, 0.7

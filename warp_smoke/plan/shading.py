@@ -7,13 +7,11 @@ from warp_smoke.plan.reach import box_corners, in_box, in_range, is_flat, is_mov
 from warp_smoke.plan.surface_shadow import SurfaceShadows, casters_between, casters_change
 from warp_smoke.record import Samples
 from warp_smoke.scene import Light, Scene, Surface
-from warp_smoke.shadow.light_buffer import buffer_serves, light_times
+from warp_smoke.shadow.light_buffer import TOUCH, buffer_serves, light_times
 from warp_smoke.shadow.projective import plane_serves
 
 # Slices of the domain in each layer of a light buffer that receivers inside the smoke look up.
 DEFAULT_LAYER = 2
-# A receiver that only touches the domain's box, such as the floor below it, is outside: by so many cells.
-_TOUCH = 1e-3
 
 
 def plan_receivers(
@@ -152,7 +150,7 @@ class _Receiver:
                 why = "its smoke never stands between the light and the surface"
                 self.ledger.omit("project_smoke", (each.domain.path, *pair), why)
             else:
-                inside = in_box(each.lattice, self.corners, _TOUCH)
+                inside = in_box(each.lattice, self.corners, TOUCH)
                 layer = light.smoke_shadow_layer or (DEFAULT_LAYER if inside else None)
                 found.append(SmokeShadowPlan(each, self._smoke_method(light, each), layer))
         return tuple(found)

@@ -23,6 +23,9 @@ from warp_smoke.scene import DistantLight, Light
 MAX_SLOPE = 4.0
 # Texels for each cell that the box is wide, at most; a near light's wide rays get coarser texels instead of more.
 _MAX_TEXELS = 3
+# How near to a side of the box a point is no longer inside it, in cells: a floor on which the box stands lies within
+# round-off of its bottom, and must not get a share of a ray's smoke at some texels and all of it at others.
+TOUCH = 1e-3
 # Floats in a line of cache: rows of slices are turned by so many.
 LINE = 16
 # Of a Gaussian voxel, in cells: neighbours then add up to a nearly even slab.

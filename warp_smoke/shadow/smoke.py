@@ -13,7 +13,7 @@ from warp_smoke.launch import Launcher, Rows
 from warp_smoke.record import FieldError
 from warp_smoke.scene import Light
 from warp_smoke.shadow.diffusion import Diffusion
-from warp_smoke.shadow.light_buffer import Shear, fit_buffer, light_times, set_to_cells
+from warp_smoke.shadow.light_buffer import TOUCH, Shear, fit_buffer, light_times, set_to_cells
 from warp_smoke.shadow.slice_projection import (
     Slices,
     blocks_along,
@@ -25,6 +25,8 @@ from warp_smoke.shadow.slice_projection import (
 from warp_smoke.shadow.splats import SPLATS, splat_taps
 
 wp.set_module_options({"enable_backward": False})
+
+_TOUCH = wp.constant(TOUCH)
 
 
 @wp.struct
@@ -90,15 +92,15 @@ def smoke_optical_depth(b: LightBuffer, point: wp.vec3):
 def _depth_in_box(box: wp.vec3, near: wp.vec2, slope: wp.vec2, z: float):
     """Depth up to which a ray's smoke lies before a point at depth z: none before the box, all of it behind the box.
 
-    So a receiver outside the box has the whole ray's smoke or none, however few the layers.
+    So a receiver outside the box, or on its side, has the whole ray's smoke or none, however few the layers.
     """
-    enters = wp.float32(0.0)
-    leaves = wp.float32(box[2])
+    enters = wp.float32(_TOUCH)
+    leaves = wp.float32(box[2] - _TOUCH)
     for axis in range(2):
         # A ray along a side must not become 0 · ∞.
         inverse = 1.0 / wp.where(wp.abs(slope[axis]) < 1.0e-12, 1.0e-12, slope[axis])
-        low = -near[axis] * inverse
-        high = (box[axis] - near[axis]) * inverse
+        low = (_TOUCH - near[axis]) * inverse
+        high = (box[axis] - _TOUCH - near[axis]) * inverse
         enters = wp.max(enters, wp.min(low, high))
         leaves = wp.min(leaves, wp.max(low, high))
     if z >= leaves:
