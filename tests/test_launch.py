@@ -96,3 +96,34 @@ def test_counts_launches_and_bytes(device):
     launcher.launch_each(_count_visits, 0, visits)
     assert launcher.launches == {"_count_visits": 3}
     assert launcher.allocated == {"visits": 40}
+
+
+@pytest.mark.parametrize(("seconds_a_row", "slabs"), [(1e-6, 1), (100e-6, 2)])
+def test_only_long_launches_are_divided(monkeypatch, seconds_a_row, slabs):
+    """By a clock that says how long rows take, 64 of them go to two threads if that is worth it, and else to one."""
+    handed_over = []
+
+    class Clock:
+        now, rows = 0.0, 0
+
+        def __call__(self):
+            Clock.now += seconds_a_row * Clock.rows
+            return Clock.now
+
+    class Command:
+        def __init__(self, rows):
+            self.rows = rows
+
+        def launch(self):
+            Clock.rows = self.rows
+
+    monkeypatch.setattr("warp_smoke.launch.perf_counter", Clock())
+    monkeypatch.setattr("warp_smoke.launch._Worker.start", lambda worker, command: handed_over.append(command))
+    monkeypatch.setattr("warp_smoke.launch._Worker.join", lambda worker: None)
+    monkeypatch.setattr("warp_smoke.launch.wp.launch", lambda kernel, dim, **_: Command(dim[0]))
+    launcher = Launcher("cpu", 2)
+    for _ in range(2):
+        handed_over.clear()
+        Clock.rows = 0
+        launcher.launch(_blur_rows, (64, 64, 64))
+    assert len(handed_over) == slabs - 1

@@ -8,9 +8,9 @@ A grid kernel covers `rows.run` cells along k for each (i, j, c) of its launch:
     end = wp.min(k + rows.run, a.shape[2])
     while k < end: ...
 
-On the CPU a run is a whole row, so that LLVM can vectorise the loop, and slabs of i go to threads; on CUDA a run is
-one cell. A list kernel covers one item, `rows.first + wp.tid()`. Kernels write each element from one thread only and
-use no atomics, so results are the same to the bit for any number of threads.
+On the CPU a run is a whole row, so that LLVM can vectorise the loop, and slabs of i go to threads if the launch takes
+long enough for that; on CUDA a run is one cell. A list kernel covers one item, `rows.first + wp.tid()`. Kernels write
+each element from one thread only and use no atomics, so results are the same to the bit however a launch is divided.
 """
 
 import os
@@ -20,7 +20,9 @@ import threading
 from collections import Counter
 from functools import cache
 from itertools import pairwise
+from math import prod
 from queue import SimpleQueue
+from time import perf_counter
 
 import numpy as np
 import psutil
@@ -29,11 +31,12 @@ import warp as wp
 wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
 wp.set_module_options({"enable_backward": False})
 
-# Below this many cells (queries of a mesh, items for list kernels: they cost more each) the fork and join costs more
-# than it saves.
-_CELLS_WORTH_A_THREAD = 16384
-_QUERIES_WORTH_A_THREAD = 256
-_ITEMS_WORTH_A_THREAD = 1024
+# Waking a thread and waiting for it takes 100 to 190 µs: so much work is worth it.
+_SECONDS_WORTH_A_THREAD = 150e-6
+# What a cell, a query of a mesh and an item of a list are taken to cost before a kernel has been timed.
+_SECONDS_A_CELL, _SECONDS_A_QUERY, _SECONDS_AN_ITEM = 10e-9, 600e-9, 150e-9
+# A kernel's least time so far counts, but less and less, for its work may grow and a busy machine is no measure.
+_GROWTH = 1.25
 
 
 @wp.struct
@@ -153,6 +156,7 @@ class Launcher:
         self.threads = (threads or available) if self.device.is_cpu else 1
         self.launches, self.allocated = Counter(), Counter()
         self._recorded = {}
+        self._seconds = {}  # that a cell or item takes by kernel
         self._workers = [_Worker() for _ in range(self.threads - 1)]
 
     def __del__(self):
@@ -191,27 +195,29 @@ class Launcher:
         """
         ni, nj, nk = shape
         run = max(nk, 1) if self.device.is_cpu else 1
-        self._launch(kernel, ni, (nj, -(-nk // run)), run, nj * nk / _CELLS_WORTH_A_THREAD, args)
+        self._launch(kernel, ni, (nj, -(-nk // run)), run, _SECONDS_A_CELL, args)
 
     def launch_queries(self, kernel: wp.Kernel, shape: tuple[int, int, int], *args) -> None:
-        """Like `launch`, for kernels that query a mesh at each cell: fewer cells are worth a thread."""
+        """Like `launch`, for kernels that query a mesh at each cell."""
         ni, nj, nk = shape
         run = max(nk, 1) if self.device.is_cpu else 1
-        self._launch(kernel, ni, (nj, -(-nk // run)), run, nj * nk / _QUERIES_WORTH_A_THREAD, args)
+        self._launch(kernel, ni, (nj, -(-nk // run)), run, _SECONDS_A_QUERY, args)
 
     def launch_each(self, kernel: wp.Kernel, count: int, *args) -> None:
         """Runs a list kernel, one thread an item; its first parameter, Rows, is filled in."""
-        self._launch(kernel, count, (), 1, 1 / _ITEMS_WORTH_A_THREAD, args)
+        self._launch(kernel, count, (), 1, _SECONDS_AN_ITEM, args)
 
-    def _launch(self, kernel, rows: int, inner: tuple, run: int, share: float, args: tuple) -> None:
-        """Launches `rows` rows, each worth `share` of a thread."""
+    def _launch(self, kernel, rows: int, inner: tuple, run: int, seconds: float, args: tuple) -> None:
+        """Launches `rows` rows of `inner` runs; a cell or item takes `seconds`, unless it is known better."""
         if rows == 0 or 0 in inner:
             return
         self.launches[kernel.key] += 1
-        key = (kernel, rows, inner, run)
+        row = prod(inner) * run
+        expected = self._seconds.get(kernel, seconds) * rows * row
+        slabs = min(self.threads, rows, max(1, int(expected / _SECONDS_WORTH_A_THREAD)))
+        key = (kernel, rows, inner, run, slabs)
         recorded = self._recorded.get(key)
         if recorded is None:
-            slabs = min(self.threads, rows, max(1, int(rows * share)))
             bounds = [rows * n // slabs for n in range(slabs + 1)]
             commands = []
             for first, end in pairwise(bounds):
@@ -224,11 +230,14 @@ class Launcher:
         first, *others = recorded.commands
         for worker, command in zip(self._workers, others, strict=False):
             worker.start(command)
+        began = perf_counter()
         try:
             first.launch()
         finally:
+            took = (perf_counter() - began) / (rows // slabs * row)
             for worker, _ in zip(self._workers, others, strict=False):
                 worker.join()
+        self._seconds[kernel] = min(took, _GROWTH * self._seconds.get(kernel, took))
 
     def synchronize(self) -> None:
         """Waits for the device, so that a clock may be read (nothing to wait for on the CPU)."""
