@@ -105,3 +105,19 @@ def test_same_bits_for_any_number_of_threads(cast, point_light, visibility, samp
     np.testing.assert_array_equal(results[1], results[0])
     np.testing.assert_array_equal(results[2], results[0])
     assert 0.1 < results[0].mean() < 0.9
+
+
+@pytest.mark.parametrize("name", ["exact", "area"])
+def test_rays_from_anywhere(launcher, cast, point_light, distant_light, visibility, sample_surface, name):
+    """Without bounds every point is traced, to the bits that points within bounds have, where few of them are."""
+    ball = Mesh.sphere(0.4, segments=24)
+    casters = cast((ball, (0, 1, 0)), (FLOOR, (0, 0, 0)))
+    points, normals = sample_surface(FLOOR, (0, 0, 0), 500, np.random.default_rng(2))
+    for light in (
+        point_light((0.5, 3, 0), radius=0.2, shadow_filter=name),
+        distant_light((1, -2, 0.5), angle=5.0, shadow_filter=name),
+    ):
+        anywhere, within = (_shadow(launcher, light, casters, bounds) for bounds in (None, BOUNDS))
+        expected = visibility(within, points, normals)
+        assert 0.5 < expected.mean() < 1.0
+        np.testing.assert_array_equal(visibility(anywhere, points, normals), expected)

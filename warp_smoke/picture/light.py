@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import warp as wp
 
+from warp_smoke.geometry import transform_points
 from warp_smoke.launch import Launcher
 from warp_smoke.picture.smoke_volume import SmokeVolume
 from warp_smoke.scene import Light, Surface
@@ -59,9 +61,11 @@ class PictureLight:
         self.takes = launcher.array(np.array(takes or [(1, 1, 1)], np.float32), "picture", dtype=wp.vec3)
         self._shadow = None
         if light.shadow_enable and len(casters.surface_of_triangle):
-            exact = replace(light, shadow_filter="area" if light.shadow_filter == "area" else "exact")
-            bounds = np.stack([casters.lower, casters.upper])
-            self._shadow = RayTracedShadow(launcher, exact, casters, bounds)
+            soft = light.shadow_filter == "area"
+            traced = replace(light, shadow_filter="area" if soft else "exact")
+            self._shadow = RayTracedShadow(
+                launcher, traced, casters, _bounds(casters, volumes, origin) if soft else None
+            )
             self._shadow.update(time)
         self._smoke, self.channels = [], 1
         for each in volumes:
@@ -100,6 +104,16 @@ class PictureLight:
         share.fill_(1.0)
         self.look_through(points, share)
         return share
+
+
+def _bounds(casters: Casters, volumes: Sequence["SmokeVolume"], origin: np.ndarray) -> np.ndarray:
+    """Boxes of all that surfaces may shadow, in set space, [n, 2, 3]: the surfaces, and each volume's smoke."""
+    boxes = [np.stack([casters.lower, casters.upper])]
+    for each in volumes:
+        cells = list(product(*((0, size) for size in each.lattice.shape)))
+        corners = transform_points(each.lattice.cells_to_world(), np.array(cells, np.float64)) - origin
+        boxes.append(np.stack([corners.min(axis=0), corners.max(axis=0)]))
+    return np.stack(boxes)
 
 
 def _smoke_shadow(launcher: Launcher, light: Light, volume: SmokeVolume, origin: np.ndarray, time: float):

@@ -169,22 +169,30 @@ def _texture_look(texture: Texture, first: int, width: int, height: int) -> Text
 def _wrap(index: int, count: int, mode: int):
     """The texel that stands for one outside the picture; −1 for black."""
     if mode == _REPEAT:
-        return (index % count + count) % count
+        m = index % count
+        return wp.where(m < 0, m + count, m)
     if mode == _CLAMP:
         return wp.clamp(index, 0, count - 1)
     if mode == _MIRROR:
-        m = (index % (2 * count) + 2 * count) % (2 * count)
+        m = index % (2 * count)
+        m = wp.where(m < 0, m + 2 * count, m)
         return wp.min(m, 2 * count - 1 - m)
     return wp.where(index >= 0 and index < count, index, -1)
 
 
 @wp.func
-def _texel(looks: Looks, texture: TextureLook, row: int, column: int):
-    i = _wrap(row, texture.height, texture.wrap_t)
-    j = _wrap(column, texture.width, texture.wrap_s)
-    if i < 0 or j < 0:
+def _texel(looks: Looks, first: int, column: int):
+    """A texel of the row that starts at `first`; black where either is −1."""
+    if first < 0 or column < 0:
         return wp.vec4(0.0)
-    return looks.texels[texture.first + i * texture.width + j]
+    return looks.texels[first + column]
+
+
+@wp.func
+def _row_start(texture: TextureLook, row: int):
+    """Where a row of texels starts; −1 for black."""
+    i = _wrap(row, texture.height, texture.wrap_t)
+    return wp.where(i < 0, -1, texture.first + i * texture.width)
 
 
 @wp.func
@@ -197,13 +205,17 @@ def sample_texture(looks: Looks, index: int, uv: wp.vec2):
     x = texture.turned * uv + texture.moved
     s = wp.clamp(x[0], -_FARTHEST, _FARTHEST)
     t = wp.clamp(x[1], -_FARTHEST, _FARTHEST)
-    column = int(wp.floor(s))
-    row = int(wp.floor(t))
-    f = s - wp.floor(s)
-    g = t - wp.floor(t)
-    top = (1.0 - f) * _texel(looks, texture, row, column) + f * _texel(looks, texture, row, column + 1)
-    below = (1.0 - f) * _texel(looks, texture, row + 1, column) + f * _texel(looks, texture, row + 1, column + 1)
-    return wp.cw_mul((1.0 - g) * top + g * below, texture.scale) + texture.bias
+    left = wp.floor(s)
+    upper = wp.floor(t)
+    f = s - left
+    g = t - upper
+    i = _row_start(texture, int(upper))
+    below = _row_start(texture, int(upper) + 1)
+    j = _wrap(int(left), texture.width, texture.wrap_s)
+    right = _wrap(int(left) + 1, texture.width, texture.wrap_s)
+    first = (1.0 - f) * _texel(looks, i, j) + f * _texel(looks, i, right)
+    second = (1.0 - f) * _texel(looks, below, j) + f * _texel(looks, below, right)
+    return wp.cw_mul((1.0 - g) * first + g * second, texture.scale) + texture.bias
 
 
 @wp.func

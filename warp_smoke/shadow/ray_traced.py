@@ -103,7 +103,7 @@ class RayTracedShadow:
         launcher: Launcher,
         light: Light,
         casters: Casters,
-        receiver_bounds: np.ndarray,
+        receiver_bounds: np.ndarray | None,
         camera: Camera | None = None,
         area_rays: int = AREA_RAYS,
     ):
@@ -114,14 +114,19 @@ class RayTracedShadow:
             light: any light.
             casters: what casts shadows.
             receiver_bounds: lower and upper corner, in set space, of all that is ever looked up: a box [2, 3], or one
-                for each receiver [n, 2, 3].
+                for each receiver [n, 2, 3]. None for anywhere, by which every point is traced: to find out which
+                need not be takes longer than a ray for each pixel of a picture.
             camera: makes no difference to rays; the other methods take one.
             area_rays: of each point, with the filter `area`.
         """
         self._launcher, self._light, self._casters = launcher, light, casters
-        self._receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
-        self._receiver_extent = float(np.abs(self._receivers).max())
-        self._tiles = CasterTiles(launcher, 1 if isinstance(light, DistantLight) else 6, coverage.MASK_SIZE)
+        self._receivers = None
+        if receiver_bounds is None:
+            self._tiles = CasterTiles(launcher, 1, coverage.TILE)
+            self._tiles.place(np.ones((1, 1, 1)), np.eye(3)[None], np.zeros(3), np.inf, False)
+        else:
+            self._receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
+            self._tiles = CasterTiles(launcher, 1 if isinstance(light, DistantLight) else 6, coverage.MASK_SIZE)
         self._placed = None
         if light.shadow_filter == "area":
             self._disk = launcher.array(spiral(area_rays).astype(np.float32), "shadow_filter", dtype=wp.vec3)
@@ -132,22 +137,26 @@ class RayTracedShadow:
         if state == self._placed:
             return
         self._placed = state
+        extent = self._casters.extent if self._receivers is None else float(np.abs(self._receivers).max())
         # A receiver is to clear its own triangles; others may be far larger, like a sky around the set.
-        self._offset = round_off(self._receiver_extent)
+        self._offset = round_off(extent)
         if isinstance(self._light, DistantLight):
-            self._place_distant(time)
+            self._place_distant(time, max(self._casters.extent, extent))
         else:
             self._place_point(time)
 
-    def _place_distant(self, time: float) -> None:
+    def _place_distant(self, time: float, extent: float) -> None:
         direction = self._light.direction_at(time)
-        past_all = -4.0 * max(self._casters.extent, self._receiver_extent) * direction
+        past_all = -4.0 * extent * direction
         self._homogeneous = wp.vec4(*past_all.tolist(), 0.0)
         self._near, self._far = 0.0, float(np.inf)
         # As wide in the sky as the light, seen from the set.
         sine = min(np.sin(np.radians(min(0.5 * self._light.angle, 80.0))), _WIDEST_SINE)
         self._radius = float(np.linalg.norm(past_all) * sine)
+        if self._receivers is not None:
+            self._mask_distant(direction, sine)
 
+    def _mask_distant(self, direction: np.ndarray, sine: float) -> None:
         frame = coverage.frame_along(direction)
         found = self._boxes(np.append(-direction, 0.0))
         corners = coverage.box_corners(np.concatenate([found, self._receivers])).reshape(-1, 3) @ frame.T
@@ -167,9 +176,12 @@ class RayTracedShadow:
         self._near = max(light.shadow_near or 0.0, self._offset)
         self._far = float(np.inf) if light.shadow_far is None else light.shadow_far
         self._radius = float(light.radius)
+        if self._receivers is not None:
+            self._mask_point(position)
 
+    def _mask_point(self, position: np.ndarray) -> None:
         found = self._boxes(np.append(position, 1.0))
-        if light.shadow_filter == "area":
+        if self._light.shadow_filter == "area":
             nearest = float(coverage.nearest_distance(self._receivers, position).min())
             sine = min(self._radius / max(nearest, 1e-30), _WIDEST_SINE)
             found = _grown(found, self._radius / np.sqrt(1.0 - sine**2))
