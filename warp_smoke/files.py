@@ -1,7 +1,7 @@
 """Files that appear under their name whole or not at all."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -23,6 +23,21 @@ def check_folder(folder: Path) -> None:
     if not os.access(there, os.W_OK | os.X_OK):
         allowed = "a folder that may be written"
         raise FieldError(str(folder), "output folder", "without permission to write", allowed)
+
+
+def make_folders(wanted: Iterable[Path]) -> list[Path]:
+    """Makes folders, each after those above it; gives the ones that were not there."""
+    made = [each for each in wanted if not each.exists()]
+    for each in made:
+        each.mkdir(exist_ok=True)  # another process may have been faster
+    return made
+
+
+def remove_empty(folders: Sequence[Path]) -> None:
+    """Removes those of the folders that are empty, the last first."""
+    for folder in reversed(folders):
+        if not any(folder.iterdir()):
+            folder.rmdir()
 
 
 @contextmanager

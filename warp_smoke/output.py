@@ -11,16 +11,17 @@ from time import perf_counter
 import numpy as np
 
 from warp_smoke.checkpoint import Checkpoint
-from warp_smoke.files import check_folder, remove_partial, replacing, sync, write_png, write_text
+from warp_smoke.file_names import FileNames, computed_materials, file_stems
+from warp_smoke.files import make_folders, remove_empty, remove_partial, replacing, sync, write_png, write_text
 from warp_smoke.fingerprint import digest
+from warp_smoke.output_folder import OutputFolder
 from warp_smoke.plan import DomainPlan, ReceiverPlan, When
 from warp_smoke.record import FieldError
 from warp_smoke.report import environment, step_warnings
-from warp_smoke.scene import Material, Procedural, Scene
+from warp_smoke.scene import Procedural
 from warp_smoke.shading.procedural import make_picture
 from warp_smoke.simulation import Frame, Simulation, Smoke
 from warp_smoke.usd.export import result_files
-from warp_smoke.usd.find import RESULTS_SUFFIX
 from warp_smoke.usd.material import BakeResult, VertexBakeResult
 from warp_smoke.usd.volume import VolumeResult, write_volume
 from warp_smoke.usd.write import write_results
@@ -56,8 +57,7 @@ class Output:
 
     def __init__(
         self,
-        folder: Path,
-        name: str,
+        folder: OutputFolder,
         simulation: Simulation,
         fingerprint: dict[str, str],
         checkpoint_every: int | None = None,
@@ -66,32 +66,29 @@ class Output:
         """Prepares.
 
         Args:
-            folder: for the results.
-            name: of the layers and the checkpoint.
+            folder: for the results, held by the caller.
             simulation: makes the frames.
             fingerprint: of the run.
             checkpoint_every: frames between checkpoints; 0 = none but at an interruption, None = as often as costs
                 little.
             before: where the run goes on from.
         """
-        self._folder, self._name, self._simulation, self._plan = folder, name, simulation, simulation.plan
+        self._place, self._folder, self._simulation, self._plan = folder, folder.path, simulation, simulation.plan
         self._fingerprint, self._every, self._before = fingerprint, checkpoint_every, before
         self._began = self._saved_at = perf_counter()
         self._saves: list[Future] = []
         self._cost = 0.0  # of the last checkpoint [s]
         self._unsynced: list[Path] = []
         self._frames: list[dict] = []
-        self._stems = _file_stems([each.domain.path for each in self._plan.domains])
-        self._stems |= _file_stems([each.surface.path for each in self._plan.receivers])
+        self._names = FileNames(self._plan)
         self._volumes: dict[str, dict[int, str]] = {each.domain.path: {} for each in self._plan.domains}
         # By receiver and bake: a file, or the values at the points of a receiver without a picture, for each frame.
         self._bakes: dict[tuple[str, str], dict[int, str | np.ndarray]] = {}
 
     def __enter__(self) -> "Output":
-        _check_folder(self._folder, self._name)
-        pictures = self._plan.receivers or computed_materials(self._plan.scene)
+        pictures = self._plan.receivers or self._names.procedurals()
         inside = ["volumes"] * bool(self._plan.domains) + ["textures"] * bool(pictures)
-        self._made = _make_folders(self._folder, inside)
+        self._made = make_folders([self._folder / name for name in inside])
         for folder in (self._folder, self._folder / "volumes", self._folder / "textures"):
             remove_partial(folder)
         if self._before:
@@ -107,15 +104,13 @@ class Output:
         if error[0]:
             with suppress(OSError):  # what went wrong first is what is told
                 self._write_layers(self._whole_frames())
-            for folder in reversed(self._made):
-                if not any(folder.iterdir()):
-                    folder.rmdir()
+            remove_empty(self._made)
 
     def _clear(self) -> None:
         """Removes what an earlier run left: the layers first, then what they named."""
-        layer = self._folder / f"{self._name}{RESULTS_SUFFIX}"
-        named = result_files(layer)
-        for path in (self._folder / f"{self._name}.usda", layer, self._folder / "report.json", self._checkpoint):
+        place = self._place
+        named = result_files(place.results)
+        for path in (place.stage, place.results, place.report, place.checkpoint):
             path.unlink(missing_ok=True)
         for path in (*named, *(self._folder / "textures").glob(".*.npy")):
             path.unlink(missing_ok=True)
@@ -131,11 +126,11 @@ class Output:
             number = made["frame"]
             for each in self._plan.domains:
                 path = each.domain.path
-                self._volumes[path][number] = f"./{self._there(self._volume_file(path, number))}"
+                self._volumes[path][number] = f"./{self._there(self._names.volume(path, number))}"
             for each in self._plan.receivers:
                 for bake, when in each.bakes.items():
                     if when == When.FRAME or number == self._plan.scene.start:
-                        values, picture = self._bake_files(each, bake, number)
+                        values, picture = self._names.bake(each, bake, number)
                         here = (self._folder / values).exists()
                         found = np.load(self._folder / values) if here else f"./{self._there(picture)}"
                         self._bakes.setdefault((each.surface.path, bake), {})[number] = found
@@ -150,18 +145,6 @@ class Output:
             raise FieldError(str(path), "a file of a frame before the checkpoint", "gone", "to be there; or no resume")
         return file
 
-    @property
-    def _checkpoint(self) -> Path:
-        return self._folder / f"{self._name}.checkpoint"
-
-    def _volume_file(self, path: str, number: int) -> str:
-        return f"volumes/{self._stems[path]}.{number:04d}.vdb"
-
-    def _bake_files(self, each: ReceiverPlan, bake: str, number: int) -> tuple[str, str]:
-        """Where a bake's values at points wait for the stage, hidden; and its picture."""
-        name = f"{self._stems[each.surface.path]}.{bake}" + f".{number:04d}" * (each.bakes[bake] == When.FRAME)
-        return f"textures/.{name}.npy", f"textures/{name}.png"
-
     def write(self, frame: Frame) -> None:
         """Takes a frame's results and starts writing them."""
         started = []
@@ -169,14 +152,14 @@ class Output:
             started = self._write_procedurals()
         for each in self._plan.domains:
             path = each.domain.path
-            file = self._volume_file(path, frame.number)
+            file = self._names.volume(path, frame.number)
             self._volumes[path][frame.number] = f"./{file}"
             started.append(self._start(_write_smoke, file, each, frame.smoke[path]))
         for each in self._plan.receivers:
             for bake in each.bakes:
                 if (each.surface.path, bake) in frame.pictures:
                     pixels = frame.pictures[each.surface.path, bake]
-                    values, picture = self._bake_files(each, bake, frame.number)
+                    values, picture = self._names.bake(each, bake, frame.number)
                     if pixels.dtype in (np.uint8, np.uint16):
                         started.append(self._start(write_png, picture, pixels))
                         pixels = f"./{picture}"
@@ -206,7 +189,11 @@ class Output:
         began = self._saved_at = perf_counter()
         with self._simulation.timings.measure("write_checkpoint"):
             passes = dict(self._simulation.timings.seconds)
-            report = {"frames": list(self._frames), "seconds": {"frames": began - self._began, "passes": passes}}
+            report = {
+                "chosen": self._chosen(),
+                "frames": list(self._frames),
+                "seconds": {"frames": began - self._began, "passes": passes},
+            }
             fields, last = self._simulation.save(), self._frames[-1]["frame"]
             checkpoint = Checkpoint(self._fingerprint, last, report, fields)
         copied = perf_counter() - began
@@ -221,7 +208,7 @@ class Output:
             written.result()
         for file in files:
             sync(file)
-        checkpoint.write(self._checkpoint)
+        checkpoint.write(self._place.checkpoint)
         self._write_layers(checkpoint.frame)
         self._cost = copied + perf_counter() - began
 
@@ -247,7 +234,7 @@ class Output:
     def write_depth_maps(self) -> None:
         """Writes the shadow maps as they now stand, one grey picture a light: a cross of six faces for a cube map."""
         pictures = self._simulation.depth_pictures()
-        for path, stem in _file_stems(list(pictures)).items():
+        for path, stem in file_stems(pictures).items():
             write_png(self._folder / f"textures/{stem}.depth.png", pictures[path])
 
     def finish(self, set_up: float) -> Result:
@@ -262,8 +249,8 @@ class Output:
         with timings.measure("write_stage"):
             stage = self._write_layers(self._plan.scene.end)
         report = self._report(set_up, perf_counter() - self._began)
-        write_text(self._folder / "report.json", json.dumps(report, indent=2) + "\n")
-        for path in (self._checkpoint, *(self._folder / "textures").glob(".*.npy")):
+        write_text(self._place.report, json.dumps(report, indent=2) + "\n")
+        for path in (self._place.checkpoint, *(self._folder / "textures").glob(".*.npy")):
             path.unlink(missing_ok=True)
         return Result(self._folder, stage, report)
 
@@ -277,7 +264,7 @@ class Output:
         """Writes the stage of the frames up to one; nothing if that is before the first."""
         scene = self._plan.scene
         if last < scene.start:
-            return self._folder / f"{self._name}.usda"
+            return self._place.stage
         volumes = [
             VolumeResult(
                 domain=d.domain, lattice=d.lattice, grids=d.grids, files=_up_to(last, self._volumes[d.domain.path])
@@ -286,17 +273,12 @@ class Output:
         ]
         bakes = [self._bake_result(each, bake, last) for each in self._plan.receivers for bake in each.bakes]
         scene = scene if last == scene.end else replace(scene, end=last)
-        pictures = {path: f"./{file}" for path, file in self._procedurals().items()}
-        return write_results(self._folder, self._name, scene, volumes, bakes, pictures)
-
-    def _procedurals(self) -> dict[str, str]:
-        """The files of the pictures that materials ask to be computed, by the material's path."""
-        paths = [material.path for material in computed_materials(self._plan.scene)]
-        return {path: f"textures/{stem}.procedural.png" for path, stem in _file_stems(paths).items()}
+        pictures = {path: f"./{file}" for path, file in self._names.procedurals().items()}
+        return write_results(self._folder, self._place.name, scene, volumes, bakes, pictures)
 
     def _write_procedurals(self) -> list[Future]:
-        """Starts writing them."""
-        files = self._procedurals()
+        """Starts writing the pictures that materials ask to be computed."""
+        files = self._names.procedurals()
         return [
             self._start(_write_procedural, files[material.path], material.procedural)
             for material in computed_materials(self._plan.scene)
@@ -310,6 +292,9 @@ class Output:
             return BakeResult(surface=each.surface, bake=bake, files=made)
         return VertexBakeResult(surface=each.surface, bake=bake, values=made)
 
+    def _chosen(self) -> dict | None:
+        return asdict(self._plan.chosen) if self._plan.chosen else None
+
     def _report(self, set_up: float, frames: float) -> dict:
         launcher, scene = self._simulation.launcher, self._plan.scene
         passes = {name: round(seconds, 6) for name, seconds in self._simulation.timings.seconds.items()}
@@ -319,7 +304,7 @@ class Output:
             "device": str(launcher.device),
             "threads": launcher.threads,
             "environment": environment(),
-            "chosen": asdict(self._plan.chosen) if self._plan.chosen else None,
+            "chosen": self._chosen(),
             "plan": [each.name + (f" [{each.method}]" if each.method else "") for each in self._plan.passes],
             "device_bytes": sum(launcher.allocated.values()),
             "seconds": seconds,
@@ -333,12 +318,6 @@ class Output:
             "fingerprint": digest(self._fingerprint),
             "frames": self._frames,
         }
-
-
-def computed_materials(scene: Scene) -> list[Material]:
-    """The materials on a scene's surfaces whose picture is computed."""
-    bound = {material.path: material for surface in scene.surfaces for material in surface.materials}
-    return [material for material in bound.values() if material.procedural is not None]
 
 
 def _write_smoke(path: Path, each: DomainPlan, smoke: Smoke) -> int:
@@ -357,27 +336,3 @@ def _write_procedural(path: Path, procedural: Procedural) -> None:
 
 def _up_to(last: int, by_frame: dict) -> dict:
     return {number: value for number, value in list(by_frame.items()) if number <= last}  # others are still added
-
-
-def _file_stems(paths: list[str]) -> dict[str, str]:
-    """A short file name for each prim path: its last part, or the whole of it where that would not be unique."""
-    last = [path.rpartition("/")[2] for path in paths]
-    whole = [path.strip("/").replace("/", "_") for path in paths]
-    return {p: short if last.count(short) == 1 else long for p, short, long in zip(paths, last, whole, strict=True)}
-
-
-def _check_folder(folder: Path, name: str) -> None:
-    """Raises FieldError if the folder is something else, or holds the results of another stage."""
-    check_folder(folder)
-    others = [path.name for path in folder.glob("*.results.usdc") if path.name != f"{name}.results.usdc"]
-    if others:
-        raise FieldError(str(folder), "output folder", f"that of {others[0]}", "another one: a folder holds one result")
-
-
-def _make_folders(folder: Path, inside: list[str]) -> list[Path]:
-    """Makes a folder with its parents and those inside it; gives the ones that were not there."""
-    wanted = [*reversed(folder.parents), folder, *(folder / name for name in inside)]
-    made = [each for each in wanted if not each.exists()]
-    for each in made:
-        each.mkdir()
-    return made

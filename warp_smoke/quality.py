@@ -55,6 +55,7 @@ class Chosen:
         kept: fields that the stage sets itself and that were left, by prim path.
         why: in a line.
         measured: errors and times that the choice rests on, by name.
+        taken_over: whether a run that goes on has it from before it was cut short.
     """
 
     by: str
@@ -62,12 +63,19 @@ class Chosen:
     kept: Mapping[str, tuple[str, ...]]
     why: str
     measured: Mapping[str, object]
+    taken_over: bool = False
 
     def __str__(self) -> str:
         said = [f"{path} {_list(values)}" for path, values in self.settings.items()]
         left = [f"{path} {', '.join(names)}" for path, names in self.kept.items()]
         text = f"{self.by} sets {'; '.join(said)}" if said else f"{self.by} sets nothing"
-        return text + (f". The stage's own are kept: {'; '.join(left)}" if left else "") + f". {self.why}"
+        text += f". The stage's own are kept: {'; '.join(left)}" if left else ""
+        return f"{text}. {self.why}" + (". Taken over from the run that goes on" if self.taken_over else "")
+
+
+def words_of_choice(max_error: float | None, budget: float | None) -> str:
+    """What asks for measured settings: the largest error, or the longest time of a frame [ms]."""
+    return f"Budget of {budget:g} ms a frame" if max_error is None else f"Error of {max_error:g} at most"
 
 
 @cache

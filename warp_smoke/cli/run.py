@@ -96,15 +96,15 @@ def run(
             the run goes on where the window is closed.
         as_json: Print the report as JSON.
     """
-    planned = _plan(scene_options.open(stage), scene_options, choice, device)
+    settings = {"resume": resume, **asdict(device)}
+    planned = _plan(scene_options.open(stage), output, scene_options.resolution, choice, settings)
     live = warp_smoke.live_preview(planned.scene) if watch else None
     with _FrameProgress(planned.scene, resume, live) as progress:
         result = warp_smoke.run(
             planned,
             output,
-            **asdict(device),
+            **settings,
             depth_maps=depth_maps,
-            resume=resume,
             checkpoint_every=checkpoint_every,
             on_frame=progress.show,
         )
@@ -127,15 +127,15 @@ def run(
 
 
 def _plan(
-    scene: "warp_smoke.Scene", scene_options: SceneOptions, choice: ChoiceOptions, device: DeviceOptions
+    scene: "warp_smoke.Scene", output: Path | None, resolution: int | None, choice: ChoiceOptions, settings: dict
 ) -> "warp_smoke.Plan":
     """The plan with what was chosen for it, which is said."""
     by_measure = choice.max_error is not None or choice.budget is not None
-    if by_measure and scene_options.resolution is not None:
+    if by_measure and resolution is not None:
         allowed = "none, where --max-error or --budget chooses it"
-        raise ValueError(f"--resolution is {scene_options.resolution}; allowed: {allowed}")
+        raise ValueError(f"--resolution is {resolution}; allowed: {allowed}")
     with progress_bar() as bar:
-        planned = plan_run(scene, **asdict(choice), **asdict(device), on_row=say_rows(bar))
+        planned = plan_run(scene, output, **asdict(choice), **settings, on_row=say_rows(bar))
     if planned.chosen:
         err.print(str(planned.chosen), soft_wrap=True, markup=False, highlight=False)
     return planned

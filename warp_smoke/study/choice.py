@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from warp_smoke.launch import Launcher
-from warp_smoke.quality import Chosen
+from warp_smoke.quality import Chosen, words_of_choice
 from warp_smoke.record import FieldError, positive
 from warp_smoke.scene import Scene
 from warp_smoke.study.case import Row
@@ -70,8 +70,7 @@ def choose(
     changed, settings = _apply(scene, problem, chosen)
     why = _explain(front, problem, chosen, len(rows), source)
     measured = {"error": chosen.errors[_ERRORS[problem][0]], "milliseconds": 1e3 * chosen.median, "source": source}
-    by = f"Budget of {limit:g} ms a frame" if name == "budget" else f"Error of {limit:g} at most"
-    return changed, Chosen(by, settings, {}, why, measured)
+    return changed, Chosen(words_of_choice(max_error, budget), settings, {}, why, measured)
 
 
 def _measurements(

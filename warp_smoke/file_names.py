@@ -1,0 +1,43 @@
+"""What the files of a run are called, relative to its folder: short names that are unique in it."""
+
+from collections.abc import Iterable
+
+from warp_smoke.plan import Plan, ReceiverPlan, When
+from warp_smoke.scene import Material, Scene
+
+
+class FileNames:
+    """Names of a plan's volumes and pictures."""
+
+    def __init__(self, plan: Plan):
+        self._stems = file_stems([each.domain.path for each in plan.domains])
+        self._stems |= file_stems([each.surface.path for each in plan.receivers])
+        materials = file_stems([material.path for material in computed_materials(plan.scene)])
+        self._procedurals = {path: f"textures/{stem}.procedural.png" for path, stem in materials.items()}
+
+    def volume(self, path: str, number: int) -> str:
+        """The smoke of a domain in a frame."""
+        return f"volumes/{self._stems[path]}.{number:04d}.vdb"
+
+    def bake(self, each: ReceiverPlan, bake: str, number: int) -> tuple[str, str]:
+        """Where a bake's values at points wait for the stage, hidden; and its picture."""
+        name = f"{self._stems[each.surface.path]}.{bake}" + f".{number:04d}" * (each.bakes[bake] == When.FRAME)
+        return f"textures/.{name}.npy", f"textures/{name}.png"
+
+    def procedurals(self) -> dict[str, str]:
+        """The pictures that materials ask to be computed, by the material's path."""
+        return self._procedurals
+
+
+def file_stems(paths: Iterable[str]) -> dict[str, str]:
+    """A short file name for each prim path: its last part, or the whole of it where that would not be unique."""
+    paths = list(paths)
+    last = [path.rpartition("/")[2] for path in paths]
+    whole = [path.strip("/").replace("/", "_") for path in paths]
+    return {p: short if last.count(short) == 1 else long for p, short, long in zip(paths, last, whole, strict=True)}
+
+
+def computed_materials(scene: Scene) -> list[Material]:
+    """The materials on a scene's surfaces whose picture is computed."""
+    bound = {material.path: material for surface in scene.surfaces for material in surface.materials}
+    return [material for material in bound.values() if material.procedural is not None]

@@ -1,0 +1,65 @@
+"""One run at a time in a folder: a lock that the kernel lets go of when its process ends, in whatever way."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from warp_smoke.record import FieldError
+
+try:
+    import fcntl
+except ImportError:  # Windows, where runs do not keep each other out
+    fcntl = None
+
+_NAME = ".run.lock"
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keeps a folder to this block; the file of the lock, which names the process, goes with it.
+
+    Raises:
+        FieldError: another process, or another block of this one, has the folder.
+    """
+    if fcntl is None:
+        yield
+        return
+    lock = _take(folder)
+    try:
+        os.truncate(lock, 0)
+        os.write(lock, str(os.getpid()).encode())
+        yield
+    finally:
+        (folder / _NAME).unlink(missing_ok=True)  # while it is locked: afterwards it may be another's
+        os.close(lock)
+
+
+def check_unlocked(folder: Path) -> None:
+    """Raises FieldError if a folder is locked."""
+    if fcntl and (folder / _NAME).exists():
+        os.close(_take(folder))
+
+
+def _take(folder: Path) -> int:
+    """Locks a folder; gives the open file that holds the lock."""
+    file = folder / _NAME
+    while True:
+        lock = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            process = os.read(lock, 32).decode()
+            os.close(lock)
+            allowed = "a folder that no other run writes to"
+            raise FieldError(str(folder), "output folder", f"in use by process {process}", allowed) from None
+        if _is_at(file, lock):
+            return lock
+        os.close(lock)  # another process has just ended, and removed it
+
+
+def _is_at(file: Path, opened: int) -> bool:
+    try:
+        return os.path.samestat(os.fstat(opened), file.stat())
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,96 @@
+"""The folder of a run's results: where its files stand, and one run in it at a time."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from warp_smoke.files import check_folder, make_folders, remove_empty
+from warp_smoke.folder_lock import check_unlocked, locked
+from warp_smoke.record import FieldError
+from warp_smoke.scene import Scene
+from warp_smoke.usd.find import RESULTS_SUFFIX
+
+
+@dataclass(frozen=True)
+class OutputFolder:
+    """A folder that holds the results of one run.
+
+    Attributes:
+        path: of the folder, which need not be there yet.
+        name: of the layers and the checkpoint.
+    """
+
+    path: Path
+    name: str
+
+    @staticmethod
+    def of(scene: Scene, path: str | Path | None = None) -> "OutputFolder":
+        """That of a scene.
+
+        Args:
+            scene: what will run.
+            path: of the folder; `out/NAME` unless given.
+
+        Raises:
+            FieldError: it cannot be a folder or may not be written, another run writes to it, or the scene's own stage
+                would be overwritten.
+        """
+        name = scene.source.stem if scene.source else "scene"
+        folder = OutputFolder(Path("out", name) if path is None else Path(path), name)
+        if scene.source and folder.stage.resolve() == scene.source.resolve():
+            allowed = "another one, since the results would overwrite it"
+            raise FieldError(str(scene.source), "output folder", folder.path, allowed)
+        check_folder(folder.path)
+        check_unlocked(folder.path)
+        return folder
+
+    @property
+    def stage(self) -> Path:
+        """The root layer."""
+        return self.path / f"{self.name}.usda"
+
+    @property
+    def results(self) -> Path:
+        """The layer below it with what was made."""
+        return self.path / f"{self.name}{RESULTS_SUFFIX}"
+
+    @property
+    def checkpoint(self) -> Path:
+        """What a run that was cut short goes on from."""
+        return self.path / f"{self.name}.checkpoint"
+
+    @property
+    def report(self) -> Path:
+        """What a run did that came to its end."""
+        return self.path / "report.json"
+
+    def read_report(self) -> dict:
+        """The report; empty if there is none."""
+        try:
+            report = json.loads(self.report.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+        return report if isinstance(report, dict) else {}
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Makes the folder, and keeps other runs out of it; folders that it made and that stay empty are removed.
+
+        Raises:
+            FieldError: another run writes to it, or it holds the results of another stage.
+        """
+        made = make_folders([*reversed(self.path.parents), self.path])
+        try:
+            with locked(self.path):
+                self._check_results()
+                yield
+        finally:
+            remove_empty(made)
+
+    def _check_results(self) -> None:
+        others = [path.name for path in self.path.glob(f"*{RESULTS_SUFFIX}") if path != self.results]
+        if others:
+            allowed = "another one: a folder holds one result"
+            raise FieldError(str(self.path), "output folder", f"that of {others[0]}", allowed)
