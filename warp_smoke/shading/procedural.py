@@ -18,11 +18,9 @@ _OCTAVES = 5
 def make_picture(procedural: Procedural) -> Picture:
     """The picture as it is written to a file: sRGB codes [size, size, 3], first row at the top."""
     along = (np.arange(procedural.size) + 0.5) / procedural.size
-    u, v = np.meshgrid(along, along[::-1])
-    share, black = _SHARES[procedural.kind](procedural, u, v)
+    share, black = _SHARES[procedural.kind](procedural, along, along[::-1, None])
     first, second = np.array(procedural.color1), np.array(procedural.color2)
-    colors = first + share[..., None] * (second - first)
-    colors[black] = 0.0
+    colors = np.where(np.expand_dims(black, -1), 0.0, first + share[..., None] * (second - first))
     return Picture(encode_srgb_codes(colors), srgb_levels())
 
 
@@ -49,25 +47,28 @@ def _mandelbrot(procedural: Procedural, u: np.ndarray, v: np.ndarray):
 
 def _checker(procedural: Procedural, u: np.ndarray, v: np.ndarray):
     squares = np.floor(u * procedural.repeats) + np.floor(v * procedural.repeats)
-    return squares % 2.0, np.zeros(u.shape, bool)
+    return squares % 2.0, False
 
 
 def _noise(procedural: Procedural, u: np.ndarray, v: np.ndarray):
     """½ + ½ Σ 2⁻ᵏ noise(2ᵏ repeats · uv), within 0…1."""
-    total = np.zeros(u.shape)
+    total = 0.0
     for octave in range(_OCTAVES):
         period = procedural.repeats * 2**octave
         total += 0.5**octave * gradient_noise(u * period, v * period, period)
-    return np.clip(0.5 + 0.5 * total, 0.0, 1.0), np.zeros(u.shape, bool)
+    return np.clip(0.5 + 0.5 * total, 0.0, 1.0), False
 
 
 def gradient_noise(x: np.ndarray, y: np.ndarray, period: int) -> np.ndarray:
-    """Perlin's noise in two dimensions, −1…1, zero at whole numbers, the same again after `period`."""
+    """Perlin's noise in two dimensions, −1…1, zero at whole numbers, the same again after `period`.
+
+    Coordinates are broadcast against each other: a picture's are quickest as a row and a column.
+    """
     i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     f, g = x - i, y - j
 
     # The directions of all whole numbers, unless there are more of them than places.
-    table = _directions(*np.indices((period, period))) if period * period < x.size else None
+    table = _directions(*np.indices((period, period))) if period * period < np.broadcast(x, y).size else None
 
     def corner(a: int, b: int) -> np.ndarray:
         place = (i + a) % period, (j + b) % period
