@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -101,6 +102,85 @@ def test_keys_switch_parts_of_the_picture(results, window_of, key):
     window.close()
 
 
+@pytest.mark.parametrize("key", ["d", "l", "F1"])
+def test_keys_switch_light(results, window_of, key):
+    """Shadows, all lights and the first one: a key bakes the floor anew and is told of, again brings every byte back.
+
+    Without its lamp the floor is black, also with its own look and in another frame.
+    """
+    window, view = window_of(results, 3)
+    before = view.picture()
+    window.press(key)
+    floor = _seen(window, view)
+    switched = view.picture()
+    assert np.abs(switched.astype(int) - before)[:16].max() > 50  # the line at the top
+    if key == "d":
+        assert np.abs(np.array(floor) - 200).min() > 10
+    else:
+        assert floor == [0, 0, 0]
+        window.press("b")
+        assert _seen(window, view) == [0, 0, 0]
+        window.press("b")
+        window.seek(4)
+        assert _seen(window, view) == [0, 0, 0]
+        window.seek(3)
+        _seen(window, view)
+    window.press(key)
+    _seen(window, view)
+    np.testing.assert_array_equal(view.picture(), before)
+    window.close()
+
+
+def test_lights_of_a_stage_before_a_run(tmp_path, window_of):
+    """Two lamps of different colours: each key switches its own, of which there are no more than lights."""
+    lamps = [
+        ws.PointLight(path=f"/World/{name}", transform=at(0, 4, 0), intensity=400.0, color=color)
+        for name, color in (("A", (1.0, 0.0, 0.0)), ("B", (0.0, 0.0, 1.0)))
+    ]
+    floor = ws.Surface(path="/World/Floor", mesh=ws.Mesh.grid((-9, 0, 9), (18, 0, 0), (0, 0, -18)))
+    eye = ws.Camera(path="/World/Eye", transform=at(0, 1, 6), focal_length=20.0)
+    author_scene(ws.Scene(surfaces=[floor], lights=lamps, camera=eye, end=1), tmp_path / "two.usda")
+    window, view = window_of(tmp_path / "two.usda", 1)
+
+    def lit():
+        _seen(window, view)
+        red, _, blue = view.picture()[100, 80].tolist()
+        return red > 50, blue > 50
+
+    assert lit() == (True, True)
+    for key, expected in (
+        ("F1", (False, True)),
+        ("F2", (False, False)),
+        ("F3", (False, False)),
+        ("F1", (True, False)),
+        ("l", (True, True)),
+        ("l", (False, False)),
+        ("l", (True, True)),
+    ):
+        window.press(key)
+        assert lit() == expected
+    window.close()
+
+
+def test_a_frame_that_takes_long_is_told_of(results, window_of, monkeypatch):
+    """Dots follow the line at the top while a frame is waited for, and are gone when it is there."""
+    window, view = window_of(results, 4)
+    before = view.picture()
+    now, gate, load = [0.0], Event(), window._stage.load
+    window._clock = lambda: now[0]
+    monkeypatch.setattr(window._stage, "load", lambda *args, **asked: gate.wait() and load(*args, **asked))
+    window.set_thickness(0.0)
+    window.poll()
+    np.testing.assert_array_equal(view.picture(), before)
+    now[0] = 1.0
+    window.poll()
+    assert not np.array_equal(view.picture()[:16], before[:16])
+    gate.set()
+    _seen(window, view)
+    np.testing.assert_array_equal(view.picture(), before)
+    window.close()
+
+
 def test_own_look_or_plain(results, window_of):
     """The floor without its baked light has its material, or a plain grey of twice the albedo and more."""
     window, view = window_of(results, 3)
@@ -172,7 +252,7 @@ def test_density_slider_scales_the_extinction(results, window_of):
 
 
 def test_marks_can_be_hidden(tmp_path, window_of):
-    """Before a run the domain's box is drawn in blue wires; l takes them away and brings them back."""
+    """Before a run the domain's box is drawn in blue wires; g takes them away and brings them back."""
     author_scene(ws.Scene(domains=[ws.SmokeDomain(path="/World/Box")]), tmp_path / "mine.usda")
     window, view = window_of(tmp_path / "mine.usda", 1)
 
@@ -180,9 +260,9 @@ def test_marks_can_be_hidden(tmp_path, window_of):
         return np.count_nonzero(view.picture().astype(int) @ [1, 0, -1] < -20)
 
     assert blue() > 100
-    window.press("l")
+    window.press("g")
     assert blue() == 0
-    window.press("l")
+    window.press("g")
     assert blue() > 100
     window.close()
 

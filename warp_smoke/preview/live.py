@@ -8,6 +8,7 @@ import numpy as np
 import pyvista as pv
 
 from warp_smoke.lattice import place_lattice
+from warp_smoke.preview.grids import centers_to_world
 from warp_smoke.preview.lights import lights_of
 from warp_smoke.preview.stage import Frame, light_smoke
 from warp_smoke.preview.view import StageView
@@ -58,9 +59,7 @@ class LiveStage:
             if density is None or not extinction:
                 smoke.append(None)
                 continue
-            centre_of_first = np.eye(4)
-            centre_of_first[3, :3] = 0.5
-            to_world = centre_of_first @ self._lattices[domain.path].cells_to_world()
+            to_world = centers_to_world(self._lattices[domain.path])
             light = scattered.get(domain.path)
             smoke.append(light_smoke(density, to_world, extinction, self.lights, self.ambient, number, light))
         return Frame(number, tuple(smoke), dict(self._pictures), dict(self._colors))

@@ -9,16 +9,19 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdShade, UsdVol
 
 from warp_smoke.geometry import transform_points
 from warp_smoke.preview.camera import level_axes
+from warp_smoke.preview.grids import existing_file, lay_over, read_grid, vdb_field
 from warp_smoke.preview.lights import beam_on, lights_of
+from warp_smoke.preview.relight import Relighting, Switches
 from warp_smoke.preview.slices import QUANTITIES, Slice, cut_slice
 from warp_smoke.preview.smoke import SmokeVoxels, color_smoke, find_smoke, show_light
 from warp_smoke.scene import Light, SmokeDomain
 from warp_smoke.shading.textures import Picture
 from warp_smoke.usd.find import find_stage
-from warp_smoke.usd.material import OWN_LOOK, VARIANT_SET
-from warp_smoke.usd.read import read_scene, read_stage, usd_message
+from warp_smoke.usd.own_look import open_in_own_look
+from warp_smoke.usd.read import usd_message
 from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
-from warp_smoke.vdb import read_vdb
+
+AS_BAKED = Switches()
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,7 @@ class Frame:
         colors: baked light by the path of its surface, linear RGB at each point, [n, 3].
         slices: in place of smoke where a quantity is shown: a cut through each volume.
         quantity: which one, of `QUANTITIES`.
+        off: paths of the lights that do not shine.
     """
 
     number: int
@@ -40,6 +44,7 @@ class Frame:
     colors: Mapping[str, np.ndarray]
     slices: tuple[Slice | None, ...] = ()
     quantity: str | None = None
+    off: frozenset[str] = frozenset()
 
 
 class PreviewStage:
@@ -58,21 +63,20 @@ class PreviewStage:
 
     def __init__(self, path: str | Path):
         file = self._file = find_stage(path)
-        self.scene = read_scene(file)
+        # What bakes show is read from the stage itself, materials from the look that the user gave it.
+        _, self.scene = open_in_own_look(file)
         stage = self._stage = Usd.Stage.Open(str(file))
         self._times = _file_times(stage)
-        own = _in_own_look(file)
-        if own:  # what bakes show is read from the stage itself, materials from the look that the user gave it
-            self.scene = read_stage(own, str(file))
         self.lights, self.ambient = lights_of(self.scene)
         self._domains = {domain.path: domain for domain in self.scene.domains}
         prims = stage.Traverse(Usd.TraverseInstanceProxies())
         self._volumes = [
-            UsdVol.Volume(prim) for prim in prims if prim.IsA(UsdVol.Volume) and _vdb_field(prim, "density")
+            UsdVol.Volume(prim) for prim in prims if prim.IsA(UsdVol.Volume) and vdb_field(prim, "density")
         ]
         self._pictures: dict[str, Usd.Attribute] = {}
         self._colors: dict[str, Usd.Attribute] = {}
         self._last_pictures: dict[str, tuple[str, np.ndarray]] = {}
+        self._relit: tuple[Switches, Relighting] | None = None
         for surface in self.scene.surfaces:
             prim = stage.GetPrimAtPath(surface.path)
             light = _baked_light(prim) if prim else None
@@ -107,24 +111,31 @@ class PreviewStage:
             raise ValueError(f"{self._file}: not a USD stage: {usd_message(error.args[0])}") from None
         return PreviewStage(self._file)
 
-    def load(self, number: int, thickness: float = 1.0, quantity: str | None = None) -> Frame:
+    def load(
+        self, number: int, thickness: float = 1.0, quantity: str | None = None, switches: Switches = AS_BAKED
+    ) -> Frame:
         """Reads the files of a frame.
 
         Args:
             number: the frame.
             thickness: factor on the smoke's extinction.
             quantity: one of `QUANTITIES`, to cut through the volumes and show it there instead of their smoke.
+            switches: the light; what was baked under another one is baked anew.
 
         Raises:
             ValueError, OSError: a file is missing or damaged, or there is no such quantity in it.
         """
-        pictures = {path: self._load_picture(path, _existing_file(to, number)) for path, to in self._pictures.items()}
+        pictures = {path: self._load_picture(path, existing_file(to, number)) for path, to in self._pictures.items()}
         colors = {path: np.array(light.Get(number)) for path, light in self._colors.items()}
+        scattered = {}
+        if switches != AS_BAKED and (pictures or colors):
+            scattered = self._relight(number, pictures, colors, switches)
+        off = switches.off
         if quantity is None:
-            smoke = tuple(self._load_smoke(volume, number, thickness) for volume in self._volumes)
-            return Frame(number, smoke, pictures, colors)
+            smoke = tuple(self._load_smoke(volume, number, thickness, off, scattered) for volume in self._volumes)
+            return Frame(number, smoke, pictures, colors, off=off)
         slices = tuple(self._load_slice(volume, number, quantity) for volume in self._volumes)
-        return Frame(number, (None,) * len(slices), pictures, colors, slices, quantity)
+        return Frame(number, (None,) * len(slices), pictures, colors, slices, quantity, off)
 
     def _load_picture(self, path: str, file: str) -> np.ndarray:
         """[h, w, 3] uint8; the same array while the file stays the same, which is then not sent to VTK again."""
@@ -133,20 +144,47 @@ class PreviewStage:
             self._last_pictures[path] = file, np.broadcast_to(codes, (*codes.shape[:2], 3))
         return self._last_pictures[path][1]
 
-    def _load_smoke(self, volume: UsdVol.Volume, number: int, thickness: float) -> SmokeVoxels | None:
+    def _relight(self, number: int, pictures: dict, colors: dict, switches: Switches) -> dict[str, np.ndarray]:
+        """Puts what is baked under another light in place of what was; gives what smoke scatters, by its domain."""
+        densities = {}
+        for volume in self._volumes:
+            domain, (values, to_world) = self._domain_of(volume.GetPrim()), read_grid(volume, "density", number)
+            densities[domain.path] = values / np.float32(domain.density_scale), to_world
+        if self._relit is None or self._relit[0] != switches:
+            sizes = dict.fromkeys(colors, 1) | {path: max(each.shape[:2]) for path, each in pictures.items()}
+            self._relit = switches, Relighting(self.scene, sizes, densities, switches)
+        relighting = self._relit[1]
+        scattered = relighting.update(number, densities)
+        for before in (pictures, colors):
+            # What no light is left for has its material, which is black but for its glow.
+            for path in tuple(before):
+                del before[path]
+                if path in relighting.pictures:
+                    before[path] = relighting.pictures[path]
+        return scattered
+
+    def _load_smoke(
+        self,
+        volume: UsdVol.Volume,
+        number: int,
+        thickness: float,
+        off: frozenset[str],
+        scattered: Mapping[str, np.ndarray],
+    ) -> SmokeVoxels | None:
         domain = self._domain_of(volume.GetPrim())
         extinction = thickness * domain.extinction * self.scene.meters_per_unit / domain.density_scale
         if extinction == 0 or volume.ComputeVisibility(number) == UsdGeom.Tokens.invisible:
             return None
-        density, to_world = _read_grid(volume, "density", number)
-        scattered = None
-        if _vdb_field(volume.GetPrim(), "light"):
-            scattered = _laid_over(density.shape, to_world, *_read_grid(volume, "light", number))
-        return light_smoke(density, to_world, extinction, self.lights, self.ambient, number, scattered)
+        density, to_world = read_grid(volume, "density", number)
+        light = scattered.get(domain.path)
+        if not off and vdb_field(volume.GetPrim(), "light"):
+            light = lay_over(density.shape, to_world, *read_grid(volume, "light", number))
+        lights = [each for each in self.lights if each.path not in off]
+        return light_smoke(density, to_world, extinction, lights, self.ambient, number, light)
 
     def _load_slice(self, volume: UsdVol.Volume, number: int, quantity: str) -> Slice | None:
         """A cut through the middle of a volume's domain that faces the front."""
-        values, to_world = _read_grid(volume, QUANTITIES[quantity].field, number)
+        values, to_world = read_grid(volume, QUANTITIES[quantity].field, number)
         if quantity == "speed":
             values = self.scene.meters_per_unit * np.linalg.norm(values, axis=3)
         domain = self._domains.get(self._domain_of(volume.GetPrim()).path)
@@ -166,16 +204,6 @@ def _file_times(stage: Usd.Stage) -> dict[str, int]:
     """When each file of a stage's layers was written, 0 for one that is gone [ns]."""
     files = [Path(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath]
     return {str(file): file.stat().st_mtime_ns if file.exists() else 0 for file in files}
-
-
-def _in_own_look(file: Path) -> Usd.Stage | None:
-    """The stage with the look that it had before the bake, or None if it has no other."""
-    stage = Usd.Stage.Open(Sdf.Layer.FindOrOpen(str(file)), Sdf.Layer.CreateAnonymous())
-    stage.SetEditTarget(stage.GetSessionLayer())
-    baked = [prim for prim in stage.GetPseudoRoot().GetChildren() if prim.GetVariantSets().HasVariantSet(VARIANT_SET)]
-    for prim in baked:
-        prim.GetVariantSet(VARIANT_SET).SetVariantSelection(OWN_LOOK)
-    return stage if baked else None
 
 
 def light_smoke(
@@ -209,55 +237,6 @@ def light_smoke(
     return color_smoke(density, to_world, extinction, [beam_on(one, center, radius, time) for one in lights], ambient)
 
 
-def _read_grid(volume: UsdVol.Volume, field: str, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """The values of a volume's field at a frame, and index to world position of its voxels' centres.
-
-    Raises:
-        ValueError: the volume has no such field, or its file no such grid.
-    """
-    asset = _vdb_field(volume.GetPrim(), field)
-    if asset is None:
-        names = ", ".join(name.removeprefix("field:") for name in volume.GetPrim().GetPropertyNames() if ":" in name)
-        raise ValueError(f"{volume.GetPath()}: has no field {field!r}; its fields: {names}")
-    file = _existing_file(asset.GetFilePathAttr(), number)
-    name = asset.GetFieldNameAttr().Get(number)
-    grids = read_vdb(file)
-    if name not in grids:
-        raise ValueError(f"{file}: has no grid {name!r}; its grids: {', '.join(grids)}")
-    grid = grids[name]
-    to_world = np.diag([*grid.voxel_size, 1.0])
-    to_world[3, :3] = np.asarray(grid.origin) * grid.voxel_size + grid.translation
-    return grid.values, to_world @ np.array(volume.ComputeLocalToWorldTransform(number))
-
-
-def _laid_over(
-    shape: tuple[int, int, int], to_world: np.ndarray, values: np.ndarray, values_to_world: np.ndarray
-) -> np.ndarray | None:
-    """Values [nx, ny, nz, 3] of another grid at the voxels of one with this shape, zero where that ends.
-
-    None if the grids' voxels do not coincide.
-    """
-    between = values_to_world @ np.linalg.inv(to_world)
-    first = np.rint(between[3, :3]).astype(int)
-    if values.ndim != 4 or np.abs(between - np.vstack([np.eye(4)[:3], [*first, 1]])).max() > 1e-3:
-        return None
-    laid = np.zeros((*shape, 3), np.float32)
-    here, there = [], []
-    for start, length, count in zip(first, values.shape, shape, strict=False):
-        lower, upper = max(start, 0), max(min(start + length, count), 0)
-        here.append(slice(lower, upper))
-        there.append(slice(lower - start, max(upper - start, 0)))
-    laid[tuple(here)] = values[tuple(there)]
-    return laid
-
-
-def _vdb_field(volume: Usd.Prim, name: str) -> UsdVol.OpenVDBAsset | None:
-    """A field of a volume, if it comes from a `.vdb` file."""
-    target = UsdVol.Volume(volume).GetFieldPath(name)
-    field = UsdVol.OpenVDBAsset(volume.GetStage().GetPrimAtPath(target)) if target else None
-    return field if field else None
-
-
 def _baked_light(prim: Usd.Prim) -> Usd.Attribute | None:
     """Where the bound material's emission comes from: a texture's file, a primvar's values, or None.
 
@@ -275,10 +254,3 @@ def _baked_light(prim: Usd.Prim) -> Usd.Attribute | None:
         if shader.GetShaderId() == "UsdPrimvarReader_float3":
             return UsdGeom.PrimvarsAPI(prim).GetPrimvar(shader.GetInput("varname").Get()).GetAttr()
     return None
-
-
-def _existing_file(asset: Usd.Attribute, number: int) -> str:
-    path = asset.Get(number)
-    if not path or not path.resolvedPath:
-        raise ValueError(f"{asset.GetPath()}: is {path} at frame {number}; allowed: a file that exists")
-    return path.resolvedPath

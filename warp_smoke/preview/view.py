@@ -74,6 +74,7 @@ class StageView:
         self._smoke = [SmokeActor(plotter, step) for _ in range(stage.volumes)]
         self._slices = SliceActors(plotter)
         self._frame: Frame | None = None
+        self._off: frozenset[str] = frozenset()
         self.drawn = Look()
         self._lower, self._upper = self._bounds()
         self._marks: list[pv.Actor] = []
@@ -93,7 +94,8 @@ class StageView:
         for actor, smoke in zip(self._smoke, frame.smoke, strict=True):
             actor.show(smoke if self.drawn.smoke else None, self.drawn.exposure)
         self._slices.show(frame.quantity, frame.slices if self.drawn.smoke else ())
-        if not self._marks or self._lights_change:
+        if not self._marks or self._lights_change or frame.off != self._off:
+            self._off = frame.off
             self._light(time)
         camera = self._stage.scene.camera
         if camera is not None and camera.moves and self.follows_camera:
@@ -148,13 +150,14 @@ class StageView:
         return self.plotter.screenshot(None, return_img=True)
 
     def _light(self, time: float) -> None:
-        """Puts lights, and the marks of what has no surface, where they are at a time code."""
-        set_lights(self.plotter, self._stage.lights, time, self.drawn.exposure)
+        """Puts lights that are on, and the marks of what has no surface, where they are at a time code."""
+        shining = [light for light in self._stage.lights if light.path not in self._off]
+        set_lights(self.plotter, shining, time, self.drawn.exposure)
         scene = self._stage.scene
         center, radius = (self._lower + self._upper) / 2, float(np.linalg.norm(self._upper - self._lower)) / 2
         for mark in self._marks:
             self.plotter.remove_actor(mark, reset_camera=False, render=False)
-        marks = [mark_light(light, center, radius, time) for light in scene.lights]
+        marks = [mark_light(light, center, radius, time) for light in scene.lights if light.path not in self._off]
         if not self._stage.has_results:
             marks += [mark_domain(domain, scene.start) for domain in scene.domains]
             marks += [mark_emitter(emitter, time) for emitter in scene.emitters if isinstance(emitter, Emitter)]

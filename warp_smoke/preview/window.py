@@ -8,37 +8,23 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from math import log2
-from textwrap import fill
 from time import monotonic
 
 from warp_smoke.preview.frames import FrameLoader
+from warp_smoke.preview.overlay import Overlay
+from warp_smoke.preview.relight import Switches
 from warp_smoke.preview.slices import QUANTITIES
 from warp_smoke.preview.stage import Frame, PreviewStage
-from warp_smoke.preview.view import TEXT_COLOR, StageView
+from warp_smoke.preview.view import StageView
 
-ERROR_COLOR = "#ff8f7a"
-WIDTH = 100  # of a message [characters]
 POLL = 30  # [ms]
 # VTK's event loop holds Python's lock, so that frames are only read while this waits for them. [s]
 READING = 0.02
 # Factors 2^x on the smoke's extinction, and stops of exposure.
 THICKNESS_RANGE, EXPOSURE_RANGE = (-4.0, 4.0), (-4.0, 4.0)
 
-HELP = """space        play, pause
-left, right  a frame back, on
-home, end    first, last frame
-s            smoke
-b            baked light and shadows, or lit materials
-m            materials, or plain grey, where not baked
-l            marks of lights
-c            the stage's camera, or the whole stage
-0            smoke as it looks
-1, 2, 3      a cut: density, temperature, speed
-r            read the stage again
-h            this help
-q            close
-mouse        left turns, middle moves, wheel zooms"""
 CHANGED = "The stage has changed on disk; r: read it again"
+LONG = 0.5  # to wait for a frame without a word [s]
 # Time between looks at the stage's files. [s]
 LOOK_AT_FILES = 1.0
 
@@ -54,10 +40,11 @@ class Window:
     """
 
     def __init__(self, stage: PreviewStage, view: StageView, frame: int, clock: Callable[[], float] = monotonic):
-        self._plotter, self._clock = view.plotter, clock
-        self._thickness, self._quantity = 1.0, None
+        self._plotter, self._overlay, self._clock = view.plotter, Overlay(view.plotter), clock
+        self._thickness, self._quantity, self._switches = 1.0, None, Switches()
         self._plays_since: float | None = None
-        self._helps = self._interrupted = False
+        self._helps = self._interrupted = self._waits = False
+        self._asked = clock()
         self._looked_at_files = clock()
         self._keys = {
             "space": self._play_or_pause,
@@ -68,7 +55,10 @@ class Window:
             "s": partial(self._toggle, "smoke"),
             "b": partial(self._toggle, "baked"),
             "m": partial(self._toggle, "materials"),
-            "l": partial(self._toggle, "marks"),
+            "d": self._switch_shadows,
+            "l": self._switch_lights,
+            **{f"F{n}": partial(self._switch_light, n) for n in range(1, 13)},
+            "g": partial(self._toggle, "marks"),
             "c": self._switch_camera,
             "0": partial(self.show_quantity, None),
             **{str(n): partial(self.show_quantity, name) for n, name in enumerate(QUANTITIES, 1)},
@@ -85,14 +75,13 @@ class Window:
         self._loading: Future[Frame] | None = None
         self._loader = FrameLoader(self._load(), self._frames)
         view.show(loaded)
-        self._slider = None
+        self._slider, add_slider = None, self._overlay.add_slider
         if len(self._frames) > 1:
-            self._slider = self._add_slider(self.seek, (self._frames[0], self._frames[-1]), frame, 0.3, 0.7, "", "%.0f")
+            limits = self._frames[0], self._frames[-1]
+            self._slider = add_slider(self.seek, limits, frame, (0.3, 0.7), shown_as="%.0f")
         if stage.volumes:
-            doublings = log2(self._thickness)
-            self._add_slider(self.set_thickness, THICKNESS_RANGE, doublings, 0.03, 0.2, "density 2^x", "%.1f")
-        stops = view.drawn.exposure
-        self._add_slider(self.set_exposure, EXPOSURE_RANGE, stops, 0.8, 0.97, "exposure [stops]", "%.1f")
+            add_slider(self.set_thickness, THICKNESS_RANGE, log2(self._thickness), (0.03, 0.2), "density 2^x")
+        add_slider(self.set_exposure, EXPOSURE_RANGE, view.drawn.exposure, (0.8, 0.97), "exposure [stops]")
         self._stale = False
         self._hint()
 
@@ -150,24 +139,43 @@ class Window:
         self._quantity = quantity
         self._read_again()
 
+    def _switch_shadows(self) -> None:
+        self._switch(replace(self._switches, shadows=not self._switches.shadows))
+
+    def _switch_lights(self) -> None:
+        """Switches all lights off, or on again those that are."""
+        off = frozenset() if self._switches.off else frozenset(light.path for light in self._stage.lights)
+        self._switch(replace(self._switches, off=off))
+
+    def _switch_light(self, number: int) -> None:
+        """Switches one light off or on again, counted from 1."""
+        for light in self._stage.lights[number - 1 : number]:
+            self._switch(replace(self._switches, off=self._switches.off ^ {light.path}))
+
+    def _switch(self, switches: Switches) -> None:
+        self._switches = switches
+        self._hint()
+        self._read_again()
+
     def _read_again(self) -> None:
         self._loader.change(self._load())
         self._requested = self._loading = None
 
     def _load(self) -> Callable[[int], Frame]:
-        return partial(self._stage.load, thickness=self._thickness, quantity=self._quantity)
+        asked = {"thickness": self._thickness, "quantity": self._quantity, "switches": self._switches}
+        return partial(self._stage.load, **asked)
 
     def _reopen(self) -> None:
         """Shows the stage as its files are now, in the same look and from the same side."""
         try:
             stage = self._stage.reopened()
             frame = min(max(self._wanted, stage.scene.start), stage.scene.end)
-            loaded = stage.load(frame, self._thickness, self._quantity)
+            loaded = stage.load(frame, self._thickness, self._quantity, self._switches)
         except (ValueError, OSError) as error:
             self._say_error(str(error))
             return
         self._loader.close()
-        self._plotter.clear_slider_widgets()
+        self._overlay.remove_sliders()
         self._show(stage, self._view.succeeded_by(stage), loaded)
         self._plotter.render()
 
@@ -192,7 +200,7 @@ class Window:
 
     def _help(self) -> None:
         self._helps = not self._helps
-        self._say("help", HELP if self._helps else "", (0.02, 0.9))
+        self._overlay.help(self._helps)
         self._plotter.render()
 
     def poll(self) -> None:
@@ -200,12 +208,17 @@ class Window:
         self._look_at_files()
         self._play()
         if self._loading is None and self._wanted != self._requested:
-            self._requested = self._wanted
+            self._requested, self._asked = self._wanted, self._clock()
             self._loading = self._loader.request(self._wanted)
         self._loader.wait(READING)
         if self._loading is not None and self._loading.done():
             loading, self._loading = self._loading, None
             self._draw(loading)
+        waits = self._loading is not None and self._clock() - self._asked > LONG
+        if waits != self._waits:
+            self._waits = waits
+            self._hint()
+            self._plotter.render()
 
     def _play(self) -> None:
         """Asks for the next frame when it is time for it and the last one is drawn; after the last comes the first."""
@@ -234,34 +247,21 @@ class Window:
             self._plotter.render()
 
     def _hint(self) -> None:
-        self._say("hint", f"h: help   {CHANGED if self._stale else ''}", (0.01, 0.99))
+        off = [light.path for light in self._stage.lights if light.path in self._switches.off]
+        said = ["h: help"]
+        if not self._switches.shadows:
+            said.append("no shadows")
+        if off:
+            said.append("no lights" if len(off) == len(self._stage.lights) else f"without {', '.join(off)}")
+        if self._stale:
+            said.append(CHANGED)
+        if self._waits:
+            said.append("...")
+        self._overlay.hint("   ".join(said))
 
     def _say_error(self, message: str) -> None:
-        self._say("error", fill(message, WIDTH), (0.02, 0.91), ERROR_COLOR)
+        self._overlay.error(message)
         self._plotter.render()
-
-    def _say(self, name: str, text: str, position: tuple[float, float], color: str = TEXT_COLOR) -> None:
-        said = self._plotter.add_text(
-            text, position=position, viewport=True, name=name, color=color, font_size=8, font="courier", render=False
-        )
-        said.prop.justification_vertical = "top"
-        said.prop.background_color, said.prop.background_opacity = "black", 0.6 if "\n" in text else 0.0
-
-    def _add_slider(self, act: Callable, limits: tuple, value: float, left: float, right: float, title: str, fmt: str):
-        return self._plotter.add_slider_widget(
-            act,
-            limits,
-            value=value,
-            pointa=(left, 0.07),
-            pointb=(right, 0.07),
-            title=title,
-            title_height=0.018,
-            color=TEXT_COLOR,
-            fmt=fmt,
-            slider_width=0.02,
-            tube_width=0.004,
-            interaction_event="always",
-        )
 
 
 @contextmanager
