@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from study_rows import make_row
 
 from warp_smoke.fluid.advection import SemiLagrangian
 from warp_smoke.fluid.maccormack import MacCormack
@@ -94,6 +95,16 @@ def test_solvers_reach_what_they_are_asked_for(launcher):
     assert pressure.unexpected([lazy])
 
 
+def test_what_does_not_fit_in_memory_says_so(launcher, monkeypatch):
+    """A full study offers 256³ cells; where there is less memory than they need, each of these rows says how much."""
+    large = [case for case in pressure.cases(True) if case.resolution == 256]
+    assert {case.method for case in large} == {"spectral", "multigrid", "spectral_conjugate_gradient"}
+    monkeypatch.setattr(launcher, "available_bytes", lambda: 2**31)
+    failures = {measure_case(launcher, case, 10.0).failure for case in large}
+    assert failures == {"MemoryError: 256³ cells need 4.0 GiB; 2.0 GiB are free"}
+    assert not [case for case in pressure.cases(False) if case.resolution > 64]
+
+
 def test_vortex_has_the_known_orders(launcher):
     """MacCormack steps have order 2, and first-order ones passed off as it are caught."""
     rows = _rows(launcher, [flow.vortex_case("maccormack", n) for n in (8, 16, 32)])
@@ -101,6 +112,23 @@ def test_vortex_has_the_known_orders(launcher):
     first = _rows(launcher, [flow.vortex_case("semi_lagrangian", n) for n in (8, 16, 32)])
     assert flow.unexpected(first) == []
     assert flow.unexpected([replace(row, method="maccormack") for row in first])
+
+
+def test_a_cavity_that_does_not_converge_is_caught():
+    """Half of a cell has to halve the deviation from Ghia's velocity, until it is as small as that is exact."""
+
+    def found(*errors):
+        sizes = (32, 64, 128)
+        rows = [
+            make_row(problem="cavity, Re 400", method="maccormack", resolution=n, errors={"linf": error})
+            for n, error in zip(sizes, errors, strict=True)
+        ]
+        return flow.unexpected(rows)
+
+    assert found(0.08, 0.04, 0.02) == found(0.03, 0.012, 0.013) == []
+    assert found(0.08, 0.04, 0.03) == [
+        "cavity, Re 400: the error goes from 0.040 on 64² to 0.030 on 128² cells; expected to fall like the cells' size"
+    ]
 
 
 @pytest.mark.parametrize("name", SUITES)

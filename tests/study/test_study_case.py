@@ -1,6 +1,7 @@
 """Cases and rows: identity, times, orders, failures."""
 
 from dataclasses import replace
+from time import sleep
 
 import numpy as np
 import pytest
@@ -50,6 +51,19 @@ def test_fitted_order_is_that_of_a_power_law():
     rows += [make_row(method="short", resolution=n, errors={"l2": 1 / n}) for n in (16, 32)]
     orders = fit_orders(rows, "l2")
     assert orders == pytest.approx({("p", "first"): 1.0, ("p", "second"): 2.0}, abs=1e-12)
+
+
+def test_time_of_a_run_is_no_set_up(launcher):
+    """Of a run of 60 ms in steps, whose parts are each scaled to the whole, what is left is the 40 ms before it."""
+
+    def measure(launcher, repeats):
+        sleep(0.04)
+        seconds = time_steps(launcher, lambda _: sleep(0.012), 5, repeats)
+        return Measured({}, seconds, 10, 5, repeats)
+
+    row = measure_case(launcher, _case(measure), 10.0)
+    assert row.set_up >= 0.039
+    assert row.median >= 0.059
 
 
 def test_row_has_median_quartiles_and_rates(launcher):

@@ -39,9 +39,19 @@ _RADIUS = 0.25
 _PERIOD, _FASTEST = 1.5, 2.0
 _BALL = (0.35, 0.35, 0.35)
 
-# Less than the orders of smooth smoke, 1 and 2: limits cost MacCormack some of its order at the hill's top, and the
-# first-order scheme has smeared the hill so much that its error has hardly room to grow.
-_LEAST_ORDER = {"semi_lagrangian": 0.4, "semi_lagrangian_cubic": 1.7, "maccormack": 1.5, "bfecc": 1.7}
+# Less than the orders of smooth smoke, 1 and 2: the curvature of the hill jumps at its foot, which leaves 5/3 of a
+# second order (P. Brenner, V. Thomée, L. B. Wahlbin, 1975); limits cost MacCormack more at the hill's top, unlimited
+# BFECC adds to what is at the border, which the hill touches, and the first-order scheme has smeared the hill so much
+# that its error has hardly room to grow.
+_LEAST_ORDER = {
+    "semi_lagrangian": 0.4,
+    "semi_lagrangian_cubic": 1.65,
+    "maccormack": 1.5,
+    "bfecc": 1.65,
+    "semi_lagrangian_cubic, unlimited": 1.65,
+    "maccormack, unlimited": 1.65,
+    "bfecc, unlimited": 1.5,
+}
 # What float32 may add to the range of a start between 0 and 1.
 _ROUND_OFF = 1e-6
 
@@ -142,7 +152,7 @@ def _carry(
     step(0)  # warms up
     density.assign(start)
     seconds = time_steps(launcher, step, len(lengths), repeats)
-    return Measured(density_errors(density.numpy(), start), seconds, start.size, len(lengths))
+    return Measured(density_errors(density.numpy(), start), seconds, start.size, len(lengths), repeats)
 
 
 def density_errors(found: np.ndarray, exact: np.ndarray) -> dict[str, float]:
@@ -169,9 +179,8 @@ def unexpected(rows: Sequence[Row]) -> list[str]:
     """Schemes that do not reach their order on the hill, or that leave the range of the start."""
     lines = []
     for (problem, method), slope in order(rows).items():
-        least = _LEAST_ORDER[method.removesuffix(", unlimited")]
-        if problem == HILL and slope < least:
-            lines.append(f"{problem}: {method} has order {slope:.2f}; expected at least {least:g}")
+        if problem == HILL and slope < _LEAST_ORDER[method]:
+            lines.append(f"{problem}: {method} has order {slope:.2f}; expected at least {_LEAST_ORDER[method]:g}")
     for row in rows:
         if row.failure is None and row.method not in UNLIMITED:
             least, most = row.errors["least"], row.errors["most"]

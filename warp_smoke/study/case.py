@@ -27,6 +27,7 @@ class Measured:
         seconds: of each repeat, without compilation and the first, which warms up [s].
         cells: cells, texels or rays that one step works on, or None.
         steps: that one repeat takes.
+        parts: of one run, that each of `seconds` is of, scaled to the whole; 1 where the whole is repeated.
         passes: time of each pass in a frame, by name, where that is known [s].
     """
 
@@ -34,6 +35,7 @@ class Measured:
     seconds: tuple[float, ...]
     cells: int | None
     steps: int = 1
+    parts: int = 1
     passes: Mapping[str, float] = field(default_factory=dict)
 
 

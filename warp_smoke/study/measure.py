@@ -47,7 +47,7 @@ def measure_case(launcher: Launcher, case: Case, gigabytes_per_second: float) ->
         quartile_low=low,
         quartile_high=high,
         repeats=len(measured.seconds),
-        set_up=max(0.0, took - sum(measured.seconds)),
+        set_up=max(0.0, took - sum(measured.seconds) / measured.parts),
         ns_per_cell=per_cell,
         copy_share=8.0 / gigabytes_per_second / per_cell if per_cell else None,
         failure=", ".join(wrong) or None,

@@ -4,7 +4,8 @@ The flow to be projected is a round gust, with solids cut out of it. A second qu
 is from the exact one: that is asked with p = exp(cos πx cos 2πy cos πz), which has no slope at the walls.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from itertools import product
 
 import numpy as np
 import warp as wp
@@ -31,6 +32,11 @@ _TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4)
 _SWEEPS = (16, 64, 256)
 _MOST_ITERATIONS = 400
 _RELAXATIONS = ("red_black", "jacobi")
+# On the largest grid a point takes minutes by solvers whose iterations grow with the cells along a side.
+_LARGE, _LARGE_PROBLEMS = 256, ("empty box", "sphere")
+_LARGE_SOLVERS = ("spectral", "multigrid", "spectral_conjugate_gradient")
+# Measured at 256³: 203 bytes for each cell, with the float64 fields of the residual.
+_BYTES_PER_CELL = 256
 # Far below the error of the grid, so that the grid's alone is seen.
 _TIGHT = 1e-6
 _ORDER, _ORDER_MARGIN = 2.0, 0.15
@@ -70,20 +76,30 @@ def _moved(mesh: Mesh, by: float) -> Mesh:
 
 
 def cases(full: bool) -> list[Case]:
-    """Every solver on each problem, by tolerance; relaxation by the number of sweeps."""
+    """Every solver on each problem, by tolerance or sweeps; `full`: also on 256³, by the fastest."""
+    exact = [solver for solver in PRESSURE_SOLVERS if solver not in _RELAXATIONS]
     made = []
     for n in (32, 64, 128) if full else (64,):
-        for problem in _SOLIDS:
-            for solver in PRESSURE_SOLVERS:
-                if solver == "spectral":
-                    choices = [{}] if problem == "empty box" else []
-                elif solver in _RELAXATIONS:
-                    choices = [{"sweeps": sweeps} for sweeps in _SWEEPS]
-                else:
-                    choices = [{"tolerance": tolerance} for tolerance in _TOLERANCES]
-                made += [projecting_case(problem, solver, n, choice) for choice in choices]
+        made += _projecting_cases(_SOLIDS, PRESSURE_SOLVERS, n)
     for n in (16, 32, 64, 128) if full else (16, 32, 64):
-        made += [_manufactured_case(solver, n) for solver in PRESSURE_SOLVERS if solver not in _RELAXATIONS]
+        made += [_manufactured_case(solver, n) for solver in exact]
+    if full:
+        made += _projecting_cases(_LARGE_PROBLEMS, _LARGE_SOLVERS, _LARGE)
+        made += [_manufactured_case(solver, _LARGE) for solver in _LARGE_SOLVERS]
+    return made
+
+
+def _projecting_cases(problems: Iterable[str], solvers: Iterable[str], n: int) -> list[Case]:
+    """Each problem by each solver that can solve it, as closely as is asked for."""
+    made = []
+    for problem, solver in product(problems, solvers):
+        if solver == "spectral":
+            choices = [{}] if problem == "empty box" else []
+        elif solver in _RELAXATIONS:
+            choices = [{"sweeps": sweeps} for sweeps in _SWEEPS]
+        else:
+            choices = [{"tolerance": tolerance} for tolerance in _TOLERANCES]
+        made += [projecting_case(problem, solver, n, choice) for choice in choices]
     return made
 
 
@@ -98,6 +114,7 @@ def projecting_case(problem: str, solver: str, n: int, choice: dict[str, float])
     """
 
     def measure(launcher: Launcher, repeats: int) -> Measured:
+        _check_memory(launcher, n)
         solids = _solids(launcher, problem, n)
         divergence = _divergence_of_gust(launcher, solids, n)
         pressure_problem = PressureProblem(
@@ -116,6 +133,7 @@ def _manufactured_case(solver: str, n: int) -> Case:
     """A pressure known everywhere, from its Laplacian."""
 
     def measure(launcher: Launcher, repeats: int) -> Measured:
+        _check_memory(launcher, n)
         exact, laplacian = manufactured((np.arange(n) + 0.5) / n)
         divergence = launcher.array((laplacian / n**2).astype(np.float32), "divergence")
         problem = PressureProblem(shape=(n, n, n), sides=_CLOSED, tolerance=_TIGHT, max_iterations=_MOST_ITERATIONS)
@@ -126,6 +144,13 @@ def _manufactured_case(solver: str, n: int) -> Case:
 
     tolerance = {} if solver == "spectral" else {"tolerance": _TIGHT}
     return Case("pressure", MANUFACTURED, solver, tolerance, n, None, measure)
+
+
+def _check_memory(launcher: Launcher, n: int) -> None:
+    """Refuses a box of n³ cells for which there is no room, so that its row says so."""
+    needed, free = _BYTES_PER_CELL * n**3, launcher.available_bytes()
+    if needed > free:
+        raise MemoryError(f"{n}³ cells need {needed / 2**30:.1f} GiB; {free / 2**30:.1f} GiB are free")
 
 
 def manufactured(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -235,6 +260,8 @@ def explain(rows: Sequence[Row]) -> str:
         "Each line is a solver that is asked for less and less divergence (its tolerance, or its number of sweeps, is "
         "written at the points): take the one whose line lies farthest to the left."
     )
+    if any(row.resolution == _LARGE for row in rows):
+        read += f" At {_LARGE}³ only the fastest solvers are measured, and around fewer solids."
     says = []
     for problem, found in by_problem(rows).items():
         done = {}
