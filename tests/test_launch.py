@@ -127,3 +127,23 @@ def test_only_long_launches_are_divided(monkeypatch, seconds_a_row, slabs):
         Clock.rows = 0
         launcher.launch(_blur_rows, (64, 64, 64))
     assert len(handed_over) == slabs - 1
+
+
+def test_recorded_passes_run_again(launcher):
+    """Replaying passes does what launching them does, on what the arrays hold by then; also among other launches."""
+    shape = (33, 32, 32)
+    a, b, other = (launcher.zeros(shape, "test") for _ in range(3))
+
+    def passes():
+        launcher.launch(_blur_rows, shape, a, 0.25, b)
+        launcher.launch(_blur_rows, shape, b, 0.5, a)
+
+    replay = launcher.record(passes)
+    values = np.random.default_rng(2).standard_normal(shape).astype(np.float32)
+    results = []
+    for run in (passes, replay):
+        a.assign(values)
+        launcher.launch(_blur_rows, shape, a, 0.75, other)
+        run()
+        results.append(a.numpy().copy())
+    np.testing.assert_array_equal(*results)

@@ -6,7 +6,7 @@ the transpose of prolongation: so the cycle is symmetric and positive definite. 
 split cells, the levels are those of `split_levels`.
 """
 
-from itertools import pairwise
+from functools import partial
 from math import prod
 
 import numpy as np
@@ -25,6 +25,7 @@ wp.set_module_options({"enable_backward": False})
 
 # Inverse roots of Chebyshev's polynomial of degree 2 over the upper part of the spectrum of L / Σ w.
 _WEAK, _STRONG = 0.5695, 1.732
+_SMALL = 32768  # cells
 # Blocks of the finest level that may be split by walls, as a share of a slice through the box.
 _SPLIT_SHARE = 0.125
 
@@ -72,7 +73,11 @@ class VCycle:
         self._split = None  # made when walls split a cell
         self.correction = self._levels[0].e
         self._sums = Sums(launcher, shape, 1, "pressure")
-        cells = prod(self._levels[-1].shape)
+        sizes = [prod(level.shape) for level in self._levels]
+        # Levels from here on are recorded: their sweeps take less time than launching them.
+        self._first_small = next((n for n, cells in enumerate(sizes) if n and cells <= _SMALL), len(sizes))
+        self._solve_small = None  # recorded when walls split no cell
+        cells = sizes[-1]
         self._direct = launcher.zeros((cells, cells), "pressure") if cells <= FEW_CELLS else None
 
     def prepare(self, operator: FaceWeights) -> None:
@@ -94,6 +99,8 @@ class VCycle:
         elif self._direct is not None:
             cells = np.ravel_multi_index(np.indices(last.shape).reshape(3, -1) + 1, last.e.shape)
             self._direct.assign(pseudo_inverse(-level_matrix(last, self._sides)[cells][:, cells].toarray()))
+        if not self._splits and self._solve_small is None and self._first_small < len(levels):
+            self._solve_small = self._launcher.record(partial(self._solve, self._first_small))
 
     def _count_unsplit(self) -> int:
         """Levels down to the first with blocks that walls split.
@@ -116,20 +123,29 @@ class VCycle:
         Returns:
             Σ r correction.
         """
-        launcher, levels = self._launcher, self._levels
-        finest = levels[0]
-        start(launcher, finest, residual, _WEAK)
-        for level, coarse in pairwise(levels):
-            sweep(launcher, level, level.e, _STRONG, level.other)
-            measure(launcher, level, level.other, level.e)
-            restrict(launcher, level, level.e, coarse, _WEAK)
-        self._solve_last(levels[-1])
-        for coarse, level in pairwise(reversed(levels)):
-            sweep(launcher, coarse, coarse.other, _WEAK, coarse.e)
-            prolong(launcher, coarse, level, level.other, level.e)
-            sweep(launcher, level, level.e, _STRONG, level.other)
-        sweep_and_sum(launcher, finest, finest.other, _WEAK, finest.e, self._sums)
+        finest = self._levels[0]
+        start(self._launcher, finest, residual, _WEAK)
+        self._solve(0)
+        sweep_and_sum(self._launcher, finest, finest.other, _WEAK, finest.e, self._sums)
         return self._sums.sum(0)
+
+    def _solve(self, number: int) -> None:
+        """Solves a level, which is in `e` after its first sweep, but for its last sweep: in `other`."""
+        launcher, level = self._launcher, self._levels[number]
+        if number + 1 == len(self._levels):
+            self._solve_last(level)
+            return
+        coarse = self._levels[number + 1]
+        sweep(launcher, level, level.e, _STRONG, level.other)
+        measure(launcher, level, level.other, level.e)
+        restrict(launcher, level, level.e, coarse, _WEAK)
+        if number + 1 == self._first_small and not self._splits:
+            self._solve_small()
+        else:
+            self._solve(number + 1)
+        sweep(launcher, coarse, coarse.other, _WEAK, coarse.e)
+        prolong(launcher, coarse, level, level.other, level.e)
+        sweep(launcher, level, level.e, _STRONG, level.other)
 
     def _solve_last(self, last: Level) -> None:
         """Solves the last level but for its last sweep: in `other`."""
