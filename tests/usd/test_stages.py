@@ -32,6 +32,7 @@ def on_screen(camera, point, time):
 def test_all_are_tested():
     """The stages that this file knows are those that there are."""
     assert {path.stem for path in STAGES} == {
+        "brazier",
         "columns",
         "cross",
         "mandelbrot",
@@ -69,6 +70,16 @@ def test_opens_with_a_word_on_what_it_is(path):
     """Each stage says in its documentation what it shows."""
     stage = Usd.Stage.Open(str(path))
     assert len(stage.GetRootLayer().documentation) > 100
+
+
+def test_brazier():
+    """A tall box whose noisy emitter, eddies and wind are all planned for; no collider, so pressure is exact."""
+    scene = stage("brazier")
+    (domain,) = scene.domains
+    assert place_lattice(scene, domain).shape == (80, 128, 64)
+    plan = make_plan(scene)
+    assert {"vary_emission", "stir_air", "blow_wind"} <= {each.name for each in plan.passes}
+    assert plan.domains[0].pressure_solver == "spectral"
 
 
 def test_plume():
