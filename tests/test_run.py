@@ -24,7 +24,7 @@ def digests(folder):
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
-@pytest.mark.parametrize("name", ["plume", "obstacle", "room", "smoke_only", "columns", "mandelbrot"])
+@pytest.mark.parametrize("name", ["brazier", "plume", "obstacle", "room", "smoke_only", "columns", "mandelbrot"])
 def test_example_stages(name, tmp_path):
     """Each example stage gives a stage that all validators accept, with every file that the plan promises."""
     source = STAGES / f"{name}.usda"
