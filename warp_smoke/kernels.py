@@ -3,6 +3,7 @@
 from importlib import import_module
 
 from warp_smoke.plan import LightPlan, Plan
+from warp_smoke.plan.reach import is_moving
 from warp_smoke.scene import Collider
 
 # What several pressure solvers share; `open_faces` of a box without colliders is among the colliders' kernels.
@@ -12,7 +13,7 @@ _SPECTRAL_DIFFUSION = ("fluid.transforms", "fluid.diffusion.scalar", "fluid.diff
 _JACOBI_DIFFUSION = ("fluid.colliders", "fluid.diffusion.scalar", "fluid.diffusion.jacobi")
 # Module of kernels by the pass that launches them, and by pass and method where that decides.
 _FLUID = {
-    "voxelize_colliders": ("fluid.voxelize", "fluid.walls", "fluid.colliders", "fluid.solid_boundary"),
+    "voxelize_colliders": ("fluid.voxelize", "fluid.crossing", "fluid.colliders", "fluid.solid_boundary"),
     "vary_emission": ("fluid.emitter_share",),
     "emit_density": ("fluid.voxelize", "fluid.emitters"),
     "emit_density arrays": ("fluid.array_source",),
@@ -71,9 +72,11 @@ def kernel_modules(plan: Plan) -> list[str]:
         for key in (each.name, f"{each.name} {each.method}"):
             found.update(_FLUID.get(key, ()))
     for domain in plan.domains:
-        rough = any(isinstance(each, Collider) and each.friction for each in domain.colliders)
-        if rough and "voxelize_colliders" in domain.passes:
-            found.add("fluid.friction")
+        if "voxelize_colliders" in domain.passes:
+            if any(each.friction for each in domain.colliders):
+                found.add("fluid.friction")
+            if any(isinstance(each, Collider) and is_moving(each) for each in domain.colliders):
+                found.add("fluid.wall_motion")
     for receiver in plan.receivers:
         found.update(f"shading.{name}" for name in ("compose", "radiance", "surface_points", "texel_picture", "texels"))
         for light in receiver.lights:

@@ -7,6 +7,7 @@ One that moves pushes air along its surface normal at the speed that follows fro
 import numpy as np
 import warp as wp
 
+from warp_smoke.fluid.wall_motion import Pull
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher
 from warp_smoke.record import value_at
@@ -20,9 +21,11 @@ class ArrayWalls:
         moves: whether it ever does.
         lower, shape: first cell and cells of the box around the solid cells; (0, 0, 0) where there are none.
         fraction: 1 in solid cells of the box, else 0, [*shape].
+        crossed: empty, for no surface is known between cells.
+        friction: of the surface, 0 to 1.
     """
 
-    friction = 0.0
+    crossed = ()
 
     def __init__(self, launcher: Launcher, lattice: Lattice, collider: ArrayCollider):
         """Allocates; `update` fills the cells.
@@ -32,7 +35,7 @@ class ArrayWalls:
             lattice: cells of the domain.
             collider: has the distance.
         """
-        self._lattice, self._collider = lattice, collider
+        self._lattice, self._collider, self.friction = lattice, collider, collider.friction
         self.moves, self.lower, self.shape, self.fraction = collider.moves, (0, 0, 0), (0, 0, 0), None
         self._storage = launcher.zeros(lattice.cells, "colliders")
         self._last = None  # distance and its change in a second, of the last update
@@ -75,17 +78,33 @@ class ArrayWalls:
 
     def push(self, velocity: tuple[wp.array, wp.array, wp.array]) -> None:
         """Gives the faces beside solid cells the velocity of the surface; arguments as for `MeshWalls.push`."""
+        speed = self._surface_velocity()
+        for axis, component in enumerate(velocity):
+            beside, moves = self._at_faces(axis, speed[axis])
+            component.assign(np.where(beside, moves, component.numpy()).astype(np.float32))
+
+    def pull(self, greatest: tuple[wp.array, wp.array, wp.array], pull: Pull) -> None:
+        """Notes how the solid pulls air along; arguments as for `MeshWalls.pull`."""
+        speed = self._surface_velocity()
+        for (own, axis), faces in pull.items():
+            beside, moves = self._at_faces(axis, speed[own])
+            pulls = beside & (greatest[axis].numpy() <= np.float32(self.friction))
+            faces.assign(np.where(pulls, self.friction * moves, faces.numpy()).astype(np.float32))
+
+    def _surface_velocity(self) -> np.ndarray:
+        """The velocity of the surface through each cell, along its normal, [3, nx, ny, nz] [m/s]."""
         distance, change = (each.astype(np.float64) for each in self._last)
         gradient = _gradient(distance, self._lattice.h)
         square = (gradient**2).sum(axis=0)
-        speed = np.divide(-change, square, out=np.zeros_like(change), where=square > 0.0) * gradient
-        for axis, component in enumerate(velocity):
-            solid, along = np.moveaxis(distance <= 0.0, axis, 0), np.moveaxis(speed[axis], axis, 0)
-            ends = ((1, 1), (0, 0), (0, 0))
-            padded, moves = np.pad(solid, ends), np.pad(along, ends, mode="edge")
-            beside = np.moveaxis(padded[1:] | padded[:-1], 0, axis)
-            pushed = np.moveaxis(0.5 * (moves[1:] + moves[:-1]), 0, axis)
-            component.assign(np.where(beside, pushed, component.numpy()).astype(np.float32))
+        return np.divide(-change, square, out=np.zeros_like(change), where=square > 0.0) * gradient
+
+    def _at_faces(self, axis: int, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which faces across an axis have a solid cell beside them, and the mean of cells' values there."""
+        ends = ((1, 1), (0, 0), (0, 0))
+        solid = np.pad(np.moveaxis(self._last[0] <= 0.0, axis, 0), ends)
+        padded = np.pad(np.moveaxis(values, axis, 0), ends, mode="edge")
+        beside, mean = solid[1:] | solid[:-1], 0.5 * (padded[1:] + padded[:-1])
+        return np.moveaxis(beside, 0, axis), np.moveaxis(mean, 0, axis)
 
     def sweep(self, seconds: float, held: wp.array) -> None:
         """Marks nothing: the surface passes over no cell that is not solid before or after."""

@@ -1,16 +1,18 @@
 """Solid obstacles on the lattice: which cells are fluid, which faces are open, and how fast solid faces move."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import permutations
 
 import warp as wp
 
 from warp_smoke.fluid.array_walls import ArrayWalls
-from warp_smoke.fluid.friction import rub
+from warp_smoke.fluid.crossing import SOLID_FRACTION
+from warp_smoke.fluid.friction import pull_along, rub
 from warp_smoke.fluid.grid import Block, Box, beside, face_shape, faces_of, hull, make_patch, seam_faces
 from warp_smoke.fluid.halo import copy_samples, last_faces
 from warp_smoke.fluid.images import images
 from warp_smoke.fluid.operators import close_sides, corners, face_weight, side_weights
-from warp_smoke.fluid.walls import SOLID_FRACTION, MeshWalls
+from warp_smoke.fluid.walls import MeshWalls
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 from warp_smoke.scene import ArrayCollider, Collider
@@ -203,6 +205,8 @@ class Solids:
         wx, wy, wz: open share of each face, 0 or 1: 0 at and in solids and on closed sides of the domain;
             [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1].
         friction: of the closed faces across x, y and z, 0 on open ones; None if no collider has any.
+        pull: friction times the velocity of the wall along axis a on faces across axis b, by (a, b) [m/s]; None if no
+            collider with friction ever moves.
         velocity: u, v, w of the solids on faces that are not open [m/s]; None if no collider ever moves.
         box: cells around all that are solid, were so before the last update, or have a face that a surface crosses;
             None if there are none.
@@ -232,10 +236,13 @@ class Solids:
         if any(each.moves for each in walls):
             self.held = launcher.zeros(lattice.shape, "colliders")
             self.velocity = tuple(launcher.zeros(shape, "colliders") for shape in faces)
-        self.friction, self._cell_friction = None, None
+        self.friction = self.pull = None
         if any(each.friction for each in walls):
             self.friction = tuple(launcher.zeros(shape, "colliders") for shape in faces)
-            self._cell_friction = launcher.zeros(lattice.shape, "colliders")
+        if any(each.friction and each.moves for each in walls):
+            self.pull = {
+                (own, axis): launcher.zeros(faces[axis], "colliders") for own, axis in permutations(range(3), 2)
+            }
         self.changes = 0
         self.box = self._filled = None
 
@@ -275,24 +282,32 @@ class Solids:
         open_faces(launcher, self.fluid, sides, shares)
         for each in walls:
             each.close(shares)
-        self._join(_close_seam, shares)
+        self._join(_close_seam, enumerate(shares))
         if self.friction:
-            rub(launcher, walls, shares, self._cell_friction, self.friction)
-            self._join(_push_seam, self.friction)
+            rub(launcher, walls, self.friction)
+            self._join(_push_seam, enumerate(self.friction))
+        if self.pull:
+            pull_along(walls, self.friction, self.pull)
+            self._join(_push_seam, ((axis, faces) for (_, axis), faces in self.pull.items()))
         if self.velocity is not None:
             for component in self.velocity:
                 component.zero_()
             for each in walls:
                 if each.moves:
                     each.push(self.velocity)
-            self._join(_push_seam, self.velocity)
+            self._join(_push_seam, enumerate(self.velocity))
             close_sides(launcher, sides, self.velocity)
         return hull(Box(each.lower, tuple(map(sum, zip(each.lower, each.shape, strict=True)))) for each in walls)
 
-    def _join(self, kernel: wp.Kernel, fields: tuple[wp.array, wp.array, wp.array]) -> None:
-        """Makes one of the two copies of each face on periodic sides, for only one may be in the box of a wall."""
+    def _join(self, kernel: wp.Kernel, fields: Iterable[tuple[int, wp.array]]) -> None:
+        """Makes one of the two copies of each face on periodic sides, for only one may be in the box of a wall.
+
+        Args:
+            kernel: makes the last copy from both.
+            fields: axes, and what the faces across them have.
+        """
         shape, sides = self._lattice.shape, self._lattice.sides
-        for axis, field in enumerate(fields):
+        for axis, field in fields:
             if sides[2 * axis] == "periodic":
                 last = last_faces(shape, axis)
                 self._launcher.launch(kernel, *last, field)

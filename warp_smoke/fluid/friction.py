@@ -1,44 +1,39 @@
-"""Friction of colliders, on the faces that they close."""
+"""Friction of colliders on the faces that they close, and their pull on the air that moves along those."""
 
 from collections.abc import Sequence
 
 import warp as wp
 
 from warp_smoke.fluid.array_walls import ArrayWalls
-from warp_smoke.fluid.walls import SOLID_FRACTION, MeshWalls
+from warp_smoke.fluid.crossing import is_solid
+from warp_smoke.fluid.grid import face_shape
+from warp_smoke.fluid.wall_motion import Pull
+from warp_smoke.fluid.walls import MeshWalls
 from warp_smoke.launch import Launcher, Rows
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def _mark_friction(
-    rows: Rows, lower: wp.vec3i, fraction: wp.array3d[float], friction: float, friction_inout: wp.array3d[float]
+def _rub_beside(
+    rows: Rows,
+    lower: wp.vec3i,
+    unit: wp.vec3i,
+    faces: wp.vec3i,
+    fraction: wp.array3d[float],
+    friction: float,
+    friction_inout: wp.array3d[float],
 ):
-    """Sets the friction of cells of which half is inside."""
+    """Friction of a face beside a cell of which half is inside: at least the wall's."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, fraction.shape[2])
+    end = wp.min(k + rows.run, faces[2])
     while k < end:
-        if fraction[i, j, k] >= SOLID_FRACTION:
-            friction_inout[lower[0] + i, lower[1] + j, lower[2] + k] = friction
-        k += 1
-
-
-@wp.kernel
-def _rub_cells(
-    rows: Rows, unit: wp.vec3i, cells: wp.array3d[float], share: wp.array3d[float], friction_out: wp.array3d[float]
-):
-    """Friction of a closed face: the greater one of the cells beside it; 0 of an open face."""
-    i, j, c = wp.tid()
-    i += rows.first
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, share.shape[2])
-    while k < end:
-        before = cells[wp.max(i - unit[0], 0), wp.max(j - unit[1], 0), wp.max(k - unit[2], 0)]
-        after = cells[wp.min(i, cells.shape[0] - 1), wp.min(j, cells.shape[1] - 1), wp.min(k, cells.shape[2] - 1)]
-        friction_out[i, j, k] = wp.where(share[i, j, k] > 0.0, 0.0, wp.max(before, after))
+        face = wp.vec3i(i, j, k)
+        if is_solid(fraction, face) or is_solid(fraction, face - unit):
+            x = lower + face
+            friction_inout[x[0], x[1], x[2]] = wp.max(friction_inout[x[0], x[1], x[2]], friction)
         k += 1
 
 
@@ -62,8 +57,6 @@ def _rub_crossed(
 def rub(
     launcher: Launcher,
     walls: Sequence[MeshWalls | ArrayWalls],
-    shares: tuple[wp.array, wp.array, wp.array],
-    cells: wp.array,
     frictions: tuple[wp.array, wp.array, wp.array],
 ) -> None:
     """Fills the friction of closed faces: the greatest of the walls that close them.
@@ -71,18 +64,31 @@ def rub(
     Args:
         launcher: where it runs.
         walls: that are in the lattice.
-        shares: wx, wy, wz, the open share of each face.
-        cells: scratch, [nx, ny, nz].
         frictions: of the faces across x, y and z, written; 0 on open ones.
     """
-    cells.zero_()
-    for each in walls:
-        args = (wp.vec3i(*each.lower), each.fraction, each.friction, cells)
-        launcher.launch(_mark_friction, each.shape, *args)
-    for axis, (share, friction) in enumerate(zip(shares, frictions, strict=True)):
+    for axis, friction in enumerate(frictions):
+        friction.zero_()
         unit = wp.vec3i(*(int(a == axis) for a in range(3)))
-        launcher.launch(_rub_cells, share.shape, unit, cells, share, friction)
-        for each in walls:
-            if each.friction:
-                crossed = each.crossed[axis]
-                launcher.launch(_rub_crossed, crossed.shape, wp.vec3i(*each.lower), crossed, each.friction, friction)
+        for each in (wall for wall in walls if wall.friction):
+            lower, faces = wp.vec3i(*each.lower), face_shape(each.shape, axis)
+            args = (lower, unit, wp.vec3i(*faces), each.fraction, each.friction, friction)
+            launcher.launch(_rub_beside, faces, *args)
+            for crossed in each.crossed[axis : axis + 1]:
+                launcher.launch(_rub_crossed, faces, lower, crossed, each.friction, friction)
+
+
+def pull_along(
+    walls: Sequence[MeshWalls | ArrayWalls], frictions: tuple[wp.array, wp.array, wp.array], pull: Pull
+) -> None:
+    """Fills the pull of walls: their friction times their velocity along each face that they close.
+
+    Args:
+        walls: that are in the lattice; where several close a face, the one with most friction counts, else the last.
+        frictions: from `rub`.
+        pull: written; 0 where a wall stands, and on open faces.
+    """
+    for field in pull.values():
+        field.zero_()
+    for each in walls:
+        if each.moves and each.friction:
+            each.pull(frictions, pull)

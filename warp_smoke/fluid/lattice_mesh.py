@@ -9,6 +9,30 @@ from warp_smoke.launch import Launcher
 from warp_smoke.scene import Collider, Emitter
 
 
+@wp.struct
+class Motion:
+    """How the surface of a mesh moves [m/s], seen from cell coordinates.
+
+    Within `near` cells of it as the closest point does; elsewhere by mean + gradient (x − centre).
+    """
+
+    near: float
+    centre: wp.vec3
+    mean: wp.vec3
+    gradient: wp.mat33
+
+
+@wp.func
+def surface_velocity(mesh: wp.uint64, motion: Motion, x: wp.vec3):
+    """Velocity of the surface at or near x."""
+    velocity = motion.mean + motion.gradient * (x - motion.centre)
+    if motion.near > 0.0:
+        query = wp.mesh_query_point_no_sign(mesh, x, motion.near)
+        if query.result:
+            velocity = wp.mesh_eval_velocity(mesh, query.face, query.u, query.v)
+    return velocity
+
+
 def box_limits(lattice: Lattice, extent: np.ndarray, wraps: bool) -> tuple[np.ndarray, np.ndarray]:
     """First cell and end of those that the box around a shape may have along each axis.
 
@@ -143,7 +167,19 @@ class LatticeMesh:
         """No cell of the box is farther from the mesh than this."""
         return float(np.linalg.norm(np.ptp(self._points, axis=0))) + 2.0 * self._margin + 4.0
 
-    def _motion(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _motion(self, near: float) -> Motion:
+        """The motion as kernels take it.
+
+        Args:
+            near: where a mesh that deforms moves as its closest point does [cells]; a rigid one needs none of that.
+        """
+        centre, mean, gradient = self._mean_motion()
+        motion = Motion()
+        motion.near = near if self._prim.mesh.deforms else 0.0
+        motion.centre, motion.mean, motion.gradient = wp.vec3(*centre), wp.vec3(*mean), wp.mat33(*gradient.ravel())
+        return motion
+
+    def _mean_motion(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The motion as a whole: centre c of the points, their mean velocity, and its gradient G by least squares.
 
         The velocity at x is mean + G (x − c): exact for rigid motion.

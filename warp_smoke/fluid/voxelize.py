@@ -10,7 +10,7 @@ from math import prod
 import numpy as np
 import warp as wp
 
-from warp_smoke.fluid.lattice_mesh import LatticeMesh, box_limits
+from warp_smoke.fluid.lattice_mesh import LatticeMesh, Motion, box_limits, surface_velocity
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.scene import Collider, Emitter
@@ -114,25 +114,19 @@ def _measure_velocity(
     rows: Rows,
     mesh: wp.uint64,
     lower: wp.vec3i,
-    near: float,
-    centre: wp.vec3,
-    mean: wp.vec3,
-    gradient: wp.mat33,
+    motion: Motion,
     u_out: wp.array3d[float],
     v_out: wp.array3d[float],
     w_out: wp.array3d[float],
 ):
-    """(u, v, w) = velocity of the closest point of the surface; mean + gradient (x − centre) where that is not near."""
+    """(u, v, w) = velocity of the surface at or near the centre x of each cell."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, u_out.shape[2])
     while k < end:
         x = wp.vec3(float(lower[0] + i) + 0.5, float(lower[1] + j) + 0.5, float(lower[2] + k) + 0.5)
-        velocity = mean + gradient * (x - centre)
-        query = wp.mesh_query_point_no_sign(mesh, x, near)
-        if query.result:
-            velocity = wp.mesh_eval_velocity(mesh, query.face, query.u, query.v)
+        velocity = surface_velocity(mesh, motion, x)
         u_out[i, j, k] = velocity[0]
         v_out[i, j, k] = velocity[1]
         w_out[i, j, k] = velocity[2]
@@ -203,11 +197,9 @@ class MeshVoxels(LatticeMesh):
 
     def _measure_velocity(self) -> tuple[wp.array, wp.array, wp.array]:
         components, self._velocity_storage = self._views(self._velocity_storage, 3)
-        reach = self._margin + _HALF_DIAGONAL if self._prim.mesh.deforms else 0.0
-        centre, mean, gradient = self._motion()
-        motion = wp.vec3(*centre), wp.vec3(*mean), wp.mat33(*gradient.ravel())
+        motion = self._motion(self._margin + _HALF_DIAGONAL)
         place = (self._mesh.id, wp.vec3i(*self.lower))
-        self._launcher.launch_queries(_measure_velocity, self.shape, *place, reach, *motion, *components)
+        self._launcher.launch_queries(_measure_velocity, self.shape, *place, motion, *components)
         return tuple(components)
 
     def volume_ratio(self) -> float:

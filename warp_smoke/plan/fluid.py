@@ -169,7 +169,7 @@ def _choose_viscosity(smoke: _Smoke, solver: str, solver_why: str) -> _Choice:
     """Diffusion of the velocity."""
     domain = smoke.domain
     sticky = domain.boundary is not None and "no_slip" in domain.boundary
-    rough = [each for each in smoke.colliders if isinstance(each, Collider) and each.friction]
+    rough = [each for each in smoke.colliders if each.friction]
     slips = "viscosity is 0" + ", so air slides along the sides that are no_slip too" * sticky
     slips += f", so air slides along {_paths(rough)}" if rough else ""
     why = f"viscosity is {domain.viscosity:g} m²/s; {solver_why}"

@@ -9,6 +9,7 @@ from PIL import Image
 from warp_smoke.fluid.eddies import place_eddies
 from warp_smoke.material import TEXTURES, Material
 from warp_smoke.plan.passes import DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan, VolumePlan
+from warp_smoke.plan.reach import is_moving
 from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, DistantLight, Emitter, Scene
 from warp_smoke.shadow.coverage import MASK_SIZE, TILE
 from warp_smoke.shadow.light_buffer import LINE, fit_buffer, light_times
@@ -32,7 +33,8 @@ _DIFFUSION = {"spectral": 0, "jacobi": 3}
 _TRIANGLE = 48 + 108
 _LIGHT_BLOCK = 16384  # cells that `shading.volume` lights at a time
 _GHOSTS = 7  # at both ends of periodic axes, with the default Courant number
-_FRICTION = 5  # of faces and cells, and the field with the drag of walls
+_FRICTION = 3  # of faces
+_PULL = 7  # of walls that move, along two axes on each face; and the field that it acts on
 _ADVECTION = {"semi_lagrangian": 7.0, "semi_lagrangian_cubic": 7.0, "maccormack": 16.0, "bfecc": 20.0}
 
 
@@ -79,8 +81,8 @@ def _domain_bytes(plan: DomainPlan) -> int:
         floats += _DIFFUSION[plan.diffusion_solver]
         if plan.diffusion_solver == "jacobi" and not plan.colliders:
             floats += _OPEN_FACES
-        if any(isinstance(each, Collider) and each.friction for each in plan.colliders):
-            floats += _FRICTION
+        rough = [each for each in plan.colliders if each.friction]
+        floats += _FRICTION * bool(rough) + _PULL * any(is_moving(each) for each in rough)
     return int(4 * plan.lattice.cells * floats)
 
 

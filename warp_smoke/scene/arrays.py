@@ -65,13 +65,18 @@ class ArrayCollider(Record):
         domain: path of the domain whose cells the array covers; None = every domain.
         solid: bool [nx, ny, nz], True inside; or signed distance [m], negative inside, float [nx, ny, nz]; Samples of
             distances [t, nx, ny, nz] for a solid that moves: it pushes air along its surface normal.
+        friction: how far it holds back viscous air that moves along it: 0 slips, 1 sticks.
     """
 
     path: str
     domain: str | None = None
     solid: np.ndarray | Samples
+    friction: float = 0.0
 
     def __post_init__(self):
+        self._store("friction", at_least(self.path, "friction", self.friction))
+        if self.friction > 1:
+            raise FieldError(self.path, "friction", self.friction, "0 to 1")
         if isinstance(self.solid, Samples):
             if self.solid.values.dtype == bool:
                 raise FieldError(self.path, "solid", "Samples of masks", "a mask, a signed distance, or Samples of it")

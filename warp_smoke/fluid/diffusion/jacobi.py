@@ -131,38 +131,36 @@ class Component:
 
 
 @wp.func
-def _grip(
-    u: wp.array3d[float],
-    open_share: wp.array3d[float],
-    friction: wp.array3d[float],
-    along: wp.vec3i,
-    across: wp.vec3i,
-    i: int,
-    j: int,
-    k: int,
-):
-    """Σ w u_wall and Σ w over the two walls `across` face (i, j, k): w = 2 by the mean friction of two faces of cells.
-
-    u_wall is what the next face beyond moves with if it is closed; a wall between open faces stands.
-    """
+def _beside(walls: wp.array3d[float], along: wp.vec3i, across: wp.vec3i, i: int, j: int, k: int):
+    """Sum over the walls `across` the cells on either side of face (i, j, k): four faces of cells, two to each side."""
     ci = wp.max(i - along[0], 0)
     cj = wp.max(j - along[1], 0)
     ck = wp.max(k - along[2], 0)
-    di = wp.min(i, u.shape[0] - 1 - along[0])
-    dj = wp.min(j, u.shape[1] - 1 - along[1])
-    dk = wp.min(k, u.shape[2] - 1 - along[2])
-    w0 = friction[ci, cj, ck] + friction[di, dj, dk]
-    w1 = friction[ci + across[0], cj + across[1], ck + across[2]]
-    w1 += friction[di + across[0], dj + across[1], dk + across[2]]
-    i0 = wp.max(i - across[0], 0)
-    j0 = wp.max(j - across[1], 0)
-    k0 = wp.max(k - across[2], 0)
-    i1 = wp.min(i + across[0], u.shape[0] - 1)
-    j1 = wp.min(j + across[1], u.shape[1] - 1)
-    k1 = wp.min(k + across[2], u.shape[2] - 1)
-    wall0 = wp.where(open_share[i0, j0, k0] > 0.0, 0.0, u[i0, j0, k0])
-    wall1 = wp.where(open_share[i1, j1, k1] > 0.0, 0.0, u[i1, j1, k1])
-    return w0 * wall0 + w1 * wall1, w0 + w1
+    di = wp.min(i, walls.shape[0] - across[0] - 1)
+    dj = wp.min(j, walls.shape[1] - across[1] - 1)
+    dk = wp.min(k, walls.shape[2] - across[2] - 1)
+    lower = walls[ci, cj, ck] + walls[di, dj, dk]
+    upper = walls[ci + across[0], cj + across[1], ck + across[2]]
+    return lower + (upper + walls[di + across[0], dj + across[1], dk + across[2]])
+
+
+@wp.kernel
+def _measure_grip(
+    rows: Rows,
+    component: Component,
+    first_friction: wp.array3d[float],
+    second_friction: wp.array3d[float],
+    grip_out: wp.array3d[float],
+):
+    """Grip: the sum of w = 2 · mean friction over the walls on both sides of a face, each half a cell away."""
+    i, j, c = wp.tid()
+    i += rows.first
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, grip_out.shape[2])
+    while k < end:
+        first = _beside(first_friction, component.own, component.first, i, j, k)
+        grip_out[i, j, k] = first + _beside(second_friction, component.own, component.second, i, j, k)
+        k += 1
 
 
 @wp.kernel
@@ -170,23 +168,20 @@ def _drag_faces(
     rows: Rows,
     component: Component,
     u: wp.array3d[float],
-    open_share: wp.array3d[float],
-    first_friction: wp.array3d[float],
-    second_friction: wp.array3d[float],
+    first_pull: wp.array3d[float],
+    second_pull: wp.array3d[float],
     r: float,
-    before_out: wp.array3d[float],
-    grip_out: wp.array3d[float],
+    u_out: wp.array3d[float],
 ):
-    """Sets grip = Σ w over the walls beside each face, and before = u + r Σ w u_wall; see `_grip`."""
+    """u_out = u + r Σ w u_wall over the walls beside each face, w as in `_measure_grip`."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, u.shape[2])
     while k < end:
-        drag1, grip1 = _grip(u, open_share, first_friction, component.own, component.first, i, j, k)
-        drag2, grip2 = _grip(u, open_share, second_friction, component.own, component.second, i, j, k)
-        before_out[i, j, k] = u[i, j, k] + r * (drag1 + drag2)
-        grip_out[i, j, k] = grip1 + grip2
+        first = _beside(first_pull, component.own, component.first, i, j, k)
+        second = _beside(second_pull, component.own, component.second, i, j, k)
+        u_out[i, j, k] = u[i, j, k] + r * (first + second)
         k += 1
 
 
@@ -253,16 +248,17 @@ class JacobiDiffusion:
         """
         self._launcher, self._problem, solids = launcher, problem, problem.solids
         halo = self._halo = Halo(launcher, problem.shape, problem.sides, 1) if "periodic" in problem.sides else None
-        self._friction = solids.friction if solids else None
+        self._friction, self._pull = (solids.friction, solids.pull) if solids else (None, None)
         self._shares = self._own_shares = (solids.wx, solids.wy, solids.wz) if solids else self._open_shares()
-        self._own_friction, self._changes = self._friction, None
+        self._own_friction, self._own_pull, self._changes = self._friction, self._pull, None
         if halo:
             self._shares = tuple(halo.zeros("diffusion", axis) for axis in range(3))
             self._friction = self._friction and tuple(halo.zeros("diffusion", axis) for axis in range(3))
+            self._pull = self._pull and {axes: halo.zeros("diffusion", axes[1]) for axes in self._pull}
         cells = halo.shape if halo else problem.shape
         shapes = {each: cells if each is None else face_shape(cells, each) for each in problem.fields}
         # Two to sweep between, the grip of walls, and the field among ghosts and with the drag of walls.
-        size, count = max(map(prod, shapes.values())), 3 + bool(halo) + bool(self._friction)
+        size, count = max(map(prod, shapes.values())), 3 + bool(halo) + bool(self._pull)
         rooms = [launcher.zeros(size, "diffusion") for _ in range(count)]
         self._rooms = {field: [each[: prod(shape)].reshape(shape) for each in rooms] for field, shape in shapes.items()}
         self._components = [_make_component(axis, problem.no_slip) for axis in range(3)]
@@ -285,6 +281,8 @@ class JacobiDiffusion:
             for own, padded in pairs:
                 for axis in range(3):
                     self._halo.pad(own[axis], padded[axis], axis)
+            for (own, axis), padded in (self._pull or {}).items():
+                self._halo.pad(self._own_pull[own, axis], padded, axis)
             self._changes = changes
 
     def diffuse(self, axis: int | None, field: wp.array, r: float) -> float:
@@ -297,11 +295,13 @@ class JacobiDiffusion:
         sweeps = most if shrinks == 1.0 else min(most, ceil(log(_ENOUGH) / log(shrinks)))
         target, other, grip, *rest = self._rooms[axis]
         source = before = self._halo.pad(field, rest[0], axis) if self._halo else field
+        across = [a for a in range(3) if a != axis]
         if axis is not None and self._friction:
-            before = rest[-1]
-            across = (self._friction[a] for a in range(3) if a != axis)
-            args = (self._components[axis], source, self._shares[axis], *across, r, before, grip)
-            self._launcher.launch(_drag_faces, source.shape, *args)
+            walls = (self._friction[a] for a in across)
+            self._launcher.launch(_measure_grip, source.shape, self._components[axis], *walls, grip)
+        if axis is not None and self._pull:
+            before, walls = rest[-1], (self._pull[axis, a] for a in across)
+            self._launcher.launch(_drag_faces, source.shape, self._components[axis], source, *walls, r, before)
         for _ in range(sweeps):
             self._sweep(axis, before, source, grip, r, target)
             if self._halo:
