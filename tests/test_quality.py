@@ -1,8 +1,10 @@
 """Quality presets: they fill what is left open and nothing else, say so, and lie on the measured front."""
 
 import json
+import runpy
 from dataclasses import replace
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 from scenes import at, plume
@@ -11,29 +13,47 @@ import warp_smoke as ws
 from warp_smoke.picture.renderer import PictureRenderer
 from warp_smoke.quality import QUALITIES, choose_quality, measured_presets, preset, preset_points, samples_of
 from warp_smoke.record import FieldError
+from warp_smoke.study.front import clearly_beats
 
-# A preset may be dominated by so much, in time and in error: what timings of one machine differ by from day to day,
-# and what other stages than the measured ones may turn around.
-_MARGIN = 0.3
+SCRIPT = Path(__file__).parents[1] / "scripts/presets.py"
+
+
+def figures(point):
+    """Error and time of a measured setting."""
+    return point["error"], point["milliseconds"]
 
 
 @pytest.mark.parametrize("family", ["smoke", "light", "picture"])
 def test_presets_are_on_the_measured_front(family):
-    """No measured setting is nearer and faster than a preset by more than the margin, and presets are in order."""
+    """No measured setting clearly beats a preset, and presets are in order of error and of time."""
     points = measured_presets()[family]["points"]
     named = [next(point for point in points if name in point["presets"]) for name in QUALITIES]
     for name, mine in zip(QUALITIES, named, strict=True):
-        clearly = {key: mine[key] / (1 + _MARGIN) for key in ("milliseconds", "error")}
-        better = [
-            point["settings"]
-            for point in points
-            if (point["milliseconds"] < clearly["milliseconds"] and point["error"] <= mine["error"])
-            or (point["error"] < clearly["error"] and point["milliseconds"] <= mine["milliseconds"])
-        ]
+        better = [point["settings"] for point in points if clearly_beats(figures(point), figures(mine))]
         assert not better, f"{name} is dominated"
-    errors, times = ([point[key] for point in named] for key in ("error", "milliseconds"))
-    assert errors == sorted(errors, reverse=True)
-    assert times == sorted(times)
+    errors, times = zip(*map(figures, named), strict=True)
+    assert list(errors) == sorted(errors, reverse=True)
+    assert list(times) == sorted(times)
+
+
+def test_passing_noise_is_timed_away():
+    """A preset that other work slowed down is timed again beside its rivals; one that is beaten in truth stays so."""
+    script = runpy.run_path(str(SCRIPT))
+    settings = [{"samples": n} for n in (1, 2, 3)]
+    presets = {"draft": settings[0], "final": settings[2]}
+    truth = {1: (0.2, 1.0), 2: (0.2, 2.0), 3: (0.2, 3.0)}  # errors and seconds: the third is beaten by the others
+    calls = []
+
+    def measure(settings):
+        calls.append(settings["samples"])
+        error, seconds = truth[settings["samples"]]
+        return error, [seconds * (9.0 if len(calls) == 1 else 1.0)] * 5, 1000
+
+    points = script["measure_points"](settings, presets, measure)
+    assert [figures(point) for point in points] == [(0.2, 1e3), (0.2, 2e3), (0.2, 3e3)]
+    assert script["rivals_of"]("draft", points) == []
+    assert script["rivals_of"]("final", points) == points[:2]
+    assert [point["presets"] for point in points] == [["draft"], [], ["final"]]
 
 
 def test_measurements_say_where_they_are_from():

@@ -1,5 +1,6 @@
 """What a measurement has to say about where it was made, so that it can be judged and repeated."""
 
+import os
 import platform
 import shutil
 import subprocess
@@ -18,10 +19,12 @@ PACKAGE = Path(__file__).parents[1]
 IDENTITY = ("warp-smoke", "package digest", "warp-lang", "usd-core", "numpy", "device", "processor", "threads")
 _COPIED_BYTES = 2**26
 _COPIES = 10
+# A load average above which something else ran beside, so that times are longer than of the machine by itself.
+BUSY = 0.5
 
 
 def disclose(launcher: Launcher) -> dict:
-    """Device, threads, versions, commit, date and the bandwidth of a copy, measured now."""
+    """Device, threads, versions, commit, date, and, measured now, the load and the bandwidth of a copy."""
     facts = environment()
     del facts["devices"], facts["pyvista"]
     return facts | {
@@ -31,8 +34,14 @@ def disclose(launcher: Launcher) -> dict:
         "commit": commit(),
         "package digest": source_digest(),
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+        "load before": load_average(),
         "copy_gb_per_s": round(copy_bandwidth(launcher), 2),
     }
+
+
+def load_average() -> float | None:
+    """How many processes ran or waited for a processor in the minute before; None where the system does not tell."""
+    return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
 
 
 def copy_bandwidth(launcher: Launcher) -> float:
