@@ -94,8 +94,8 @@ def page(known: Study, stages: dict[str, tuple[SceneStudy, Study]], full: bool) 
         f"Written by `python scripts/accuracy.py{' --full' if full else ''}` on {facts['processor']}, "
         f"{facts['threads']} threads, device {facts['device']}, on {facts['date']}, with warp-smoke "
         f"{facts['warp-smoke']} (commit {facts['commit']}), warp-lang {facts['warp-lang']}, numpy {facts['numpy']}; a "
-        f"copy of memory read and wrote {facts['copy_gb_per_s']:.1f} GB/s{load}. All rows, with quartiles and rates, are "
-        f"in [known_answers.json](accuracy/known_answers.json) and "
+        f"copy of memory read and wrote {facts['copy_gb_per_s']:.1f} GB/s{load}. All rows, with quartiles and rates, "
+        f"are in [known_answers.json](accuracy/known_answers.json) and "
         f"{', '.join(f'[{name}.json](accuracy/{name}.json)' for name in stages)}. `warp-smoke study` measures the same "
         "on your machine, and `warp-smoke study STAGE` on your own stage.",
         "",
