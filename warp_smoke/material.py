@@ -176,6 +176,11 @@ class Material(Record):
         return self.opacity < 1.0 or self.opacity_texture is not None
 
     @property
+    def is_blended(self) -> bool:
+        """Whether something behind it may shine through, instead of being seen whole through holes."""
+        return self.is_see_through and self.opacity_threshold == 0.0
+
+    @property
     def needs_tangents(self) -> bool:
         """Whether it has directions in tangent space."""
         return self.normal_texture is not None or self.has_relief

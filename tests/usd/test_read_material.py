@@ -286,12 +286,7 @@ def test_texture_without_wrap_modes_is_black_outside(tmp_path):
         (("float inputs:clearcoat = 0.5",), "/World/M/S: inputs:clearcoat is not supported; it has no effect"),
         (
             ("float inputs:opacity = 0.5",),
-            "/World/M/S: inputs:opacity: baked textures hold it, and pictures show it opaque; its shadow is that of an "
-            "opaque surface",
-        ),
-        (
-            ("float inputs:opacity = 0.5\nfloat inputs:opacityThreshold = 0.6",),
-            "/World/M/S: inputs:opacity: its holes are seen through; its shadow is that of an opaque surface",
+            "/World/M/S: inputs:opacity: its shadow is that of an opaque surface",
         ),
         (("normal3f inputs:normal = (0, 0, 1)\nfloat inputs:opacity = 1",), None),
         (

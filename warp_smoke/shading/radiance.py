@@ -25,6 +25,7 @@ def shade_light(
     detail: SurfaceDetail,
     eye: wp.vec4,
     radiance_out: wp.array,
+    reached: wp.array | None = None,
 ) -> None:
     """Writes the radiance that each point sends to the eye, linear RGB [n] vec3.
 
@@ -37,8 +38,9 @@ def shade_light(
         detail: what its pictures say.
         eye: position in set space and 1, or zeros, by which there are no highlights.
         radiance_out: [n] vec3.
+        reached: 0 at points that the light does not reach, whose radiance is 0 too, [n]; all of them unless given.
     """
-    launcher.launch_each(_shade_light, count, light, looks, points, detail, eye, radiance_out)
+    launcher.launch_each(_shade_light, count, light, looks, points, detail, eye, reached, radiance_out)
 
 
 def shade_irradiance(
@@ -55,6 +57,14 @@ def weigh_light(
     launcher.launch_each(_weigh_light, count, light, points, detail, out)
 
 
+@wp.func
+def is_unreached(reached: wp.array[float], s: int):
+    """Whether a light is known not to reach point s."""
+    if reached.shape[0] <= s:
+        return False
+    return reached[s] == 0.0
+
+
 @wp.kernel
 def _shade_light(
     rows: Rows,
@@ -63,16 +73,20 @@ def _shade_light(
     points: SurfacePoints,
     detail: SurfaceDetail,
     eye: wp.vec4,
+    reached: wp.array[float],
     radiance_out: wp.array[wp.vec3],
 ):
     """radiance[s] = V_relief B ⊗ (m_d + g f) max(l·n, 0), or B ⊗ m_d max(l·n, 0) without an eye."""
     s = rows.first + wp.tid()
+    radiance_out[s] = wp.vec3(0.0)
+    if is_unreached(reached, s):
+        return
     p = points.positions[s]
     to_light, b = incident_light(light, p)
     n = detail.normals[s]
-    radiance = wp.vec3(0.0)
     # A bump does not catch light that comes from behind the surface.
-    if wp.dot(to_light, n) > 0.0 and wp.dot(to_light, points.normals[s]) > 0.0:
+    if wp.max(b) > 0.0 and wp.dot(to_light, n) > 0.0 and wp.dot(to_light, points.normals[s]) > 0.0:
+        radiance = wp.vec3(0.0)
         m = looks.materials[points.material[s]]
         if eye[3] > 0.0:
             to_eye = wp.normalize(wp.vec3(eye[0], eye[1], eye[2]) - p)
@@ -83,7 +97,7 @@ def _shade_light(
                     radiance *= relief_visibility(looks, m, detail.relief[s], to_tangent(frame, to_light))
         else:
             radiance = reflect_diffuse(b, to_light, n, detail.diffuse[s])
-    radiance_out[s] = radiance
+        radiance_out[s] = radiance
 
 
 @wp.kernel

@@ -6,7 +6,7 @@ dL/ds = −σ ρ L + σ ρ S, with the light S that the smoke scatters (`volume`
 import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
-from warp_smoke.shading.primary_rays import View, ray_direction
+from warp_smoke.shading.view import View, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 
@@ -39,6 +39,7 @@ def march_smoke(
     smoke: ScatteringSmoke,
     view: View,
     place: tuple[float, float],
+    passed: wp.array,
     distance: wp.array,
     color: wp.array,
 ) -> None:
@@ -50,10 +51,11 @@ def march_smoke(
         smoke: the smoke.
         view: from where.
         place: of the ray in the pixel.
-        distance: how far each ray sees, [n].
+        passed: how far each ray has come, [n].
+        distance: how far it sees, [n].
         color: linear RGB of what lies behind, [n] vec3; the smoke is put over it.
     """
-    launcher.launch_each(_march_smoke, count, smoke, view, *place, distance, color)
+    launcher.launch_each(_march_smoke, count, smoke, view, *place, passed, distance, color)
 
 
 @wp.kernel
@@ -63,18 +65,18 @@ def _march_smoke(
     view: View,
     x: float,
     y: float,
+    passed: wp.array[float],
     distance: wp.array[float],
     color_inout: wp.array[wp.vec3],
 ):
     """L = Σ_m T_m (1 − e^(−σ ρ_m Δ)) S_m + T_end L_behind, samples in the middle of steps Δ ≤ step."""
     p = rows.first + wp.tid()
-    row = p // view.width
-    direction = ray_direction(view, float(p - row * view.width) + x, float(row) + y)
+    direction = pixel_ray(view, p, x, y)
     start = wp.transform_point(smoke.from_set, view.eye)
     ray = wp.transform_vector(smoke.from_set, direction)
     lengthening = wp.length(ray)  # cells for each unit of distance
     ray /= lengthening
-    entry = wp.float32(0.0)
+    entry = wp.max(passed[p], 0.0) * lengthening
     end = distance[p] * lengthening
     for axis in range(3):
         # A ray along a side of the box must not become 0 · ∞.

@@ -36,6 +36,17 @@ class SurfacePoints:
     material: wp.array[int]
 
 
+def allocate_points(launcher: Launcher, count: int, label: str, needs_tangents: bool) -> SurfacePoints:
+    """Room for `count` points with texture coordinates."""
+    points = SurfacePoints()
+    points.positions = launcher.zeros(count, label, dtype=wp.vec3)
+    points.normals = launcher.zeros(count, label, dtype=wp.vec3)
+    points.tangents = launcher.zeros(count if needs_tangents else 1, label, dtype=wp.vec4)
+    points.uvs = launcher.zeros(count, label, dtype=wp.vec2)
+    points.material = launcher.zeros(count, label, dtype=int)
+    return points
+
+
 @wp.struct
 class SurfaceDetail:
     """What the materials and their pictures say at each point, [n] each.

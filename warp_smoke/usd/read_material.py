@@ -118,7 +118,7 @@ class MaterialReader:
                 )
         self._check_normal_map(surface, textures["normal_texture"])
         if values["opacity"] < 1.0 or textures["opacity_texture"] is not None:
-            self._warn_of_opacity(surface, values["opacityThreshold"])
+            self._reader.warn(surface.GetPrim(), "inputs:opacity: its shadow is that of an opaque surface")
         smoke = self._read_smoke_fields(material.GetPrim())
         values |= _reflectance(values, textures, "procedural" in smoke)
         names = MATERIAL | {field: smoke_attribute(field) for field in smoke}
@@ -136,10 +136,6 @@ class MaterialReader:
                 **textures,
                 **smoke,
             )
-
-    def _warn_of_opacity(self, surface: UsdShade.Shader, threshold: float) -> None:
-        shown = "its holes are seen through" if threshold else "baked textures hold it, and pictures show it opaque"
-        self._reader.warn(surface.GetPrim(), f"inputs:opacity: {shown}; its shadow is that of an opaque surface")
 
     def _read_smoke_fields(self, prim: Usd.Prim) -> dict[str, object]:
         """The fields that `SmokeMaterialAPI` fills."""
