@@ -51,7 +51,7 @@ EFFECTS = {
     "surface shadow": (
         {},
         {"surfaces": [floor(), CUBE]},
-        ["shadow.point_map", "shadow.directional"],
+        ["shadow.depth_map", "shadow.point_map", "shadow.directional_map"],
         ["casters", "shadow_map"],
     ),
 }
@@ -99,8 +99,7 @@ def test_unlit_scene_has_no_shading():
 def test_static_shadows_are_traced_once():
     """Maps of static lights and casters are traced at the first frame only."""
     simulation, _ = simulate(replace(plume(), surfaces=[floor(), CUBE]))
-    assert simulation.launcher.launches["_trace_tiles"] == 1
-    assert simulation.launcher.launches["_trace_directional"] == 1
+    assert simulation.launcher.launches["_trace_tiles"] == 2  # one for each light
 
 
 def test_minimal_plan_equals_full_plan():

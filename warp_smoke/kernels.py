@@ -54,11 +54,11 @@ _FLUID = {
     "cool_temperature": ("fluid.dissipation",),
 }
 _SURFACE_SHADOW = {
-    "cube": "shadow.point_map",
-    "spot": "shadow.point_map",
-    "directional": "shadow.directional",
-    "exact": "shadow.ray_traced",
-    "area": "shadow.ray_traced",
+    "cube": ("shadow.depth_map", "shadow.point_map"),
+    "spot": ("shadow.depth_map", "shadow.point_map"),
+    "directional": ("shadow.depth_map", "shadow.directional_map"),
+    "exact": ("shadow.ray_traced",),
+    "area": ("shadow.ray_traced",),
 }
 _SMOKE_SHADOW = {"dpd": ("shadow.dpd",), "ray_traced": ("shadow.smoke_ray_traced",)}
 # Of a light buffer along the light's rays, which is every other smoke shadow.
@@ -81,13 +81,13 @@ def kernel_modules(plan: Plan) -> list[str]:
         found.update(f"shading.{name}" for name in ("compose", "radiance", "surface_points", "texel_picture", "texels"))
         for light in receiver.lights:
             if light.surface_shadow:
-                found.add(_SURFACE_SHADOW[light.surface_shadow])
+                found.update(_SURFACE_SHADOW[light.surface_shadow])
             found.update(_smoke_modules(light))
     for volume in plan.volumes:
         found.add("shading.volume")
         for light in volume.lights:
             if light.surface_shadow:
-                found.add(_SURFACE_SHADOW[light.surface_shadow])
+                found.update(_SURFACE_SHADOW[light.surface_shadow])
             found.update(_smoke_modules(light))
     names = [f"warp_smoke.{name}" for name in sorted(found)]
     for name in names:

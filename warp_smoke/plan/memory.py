@@ -10,8 +10,8 @@ from warp_smoke.fluid.eddies import place_eddies
 from warp_smoke.material import TEXTURES, Material
 from warp_smoke.plan.passes import DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan, VolumePlan
 from warp_smoke.plan.reach import is_moving
-from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, DistantLight, Emitter, Scene
-from warp_smoke.shadow.coverage import MASK_SIZE, TILE
+from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, DistantLight, Emitter, Light, Scene
+from warp_smoke.shadow.coverage import MASK_SIZE, TILE, tile_lists
 from warp_smoke.shadow.light_buffer import LINE, fit_buffer, light_times
 from warp_smoke.shadow.projective import SCATTER_PARTS
 from warp_smoke.shadow.splats import SPLATS, tap_count
@@ -60,9 +60,8 @@ def memory_estimate(
             known = maps.setdefault(each.light.path, {})
             if each.surface_shadow and each.light.shadowed_by not in linked:
                 linked.add(each.light.shadowed_by)
-                casters = [s for s in scene.surfaces if each.light.may_be_shadowed_by(s.path)]
-                known["casters"] = _TRIANGLE * sum(len(s.mesh.triangles) for s in casters)
-            for name, size in _light_bytes(each).items():
+                known["casters"] = _TRIANGLE * _triangles(scene, each.light)
+            for name, size in _light_bytes(scene, each).items():
                 known[name] = max(size, known.get(name, 0))
     return estimate | {path: sum(each.values()) for path, each in maps.items() if each}
 
@@ -148,7 +147,12 @@ def _light_grid_bytes(plan: VolumePlan) -> int:
     return _LIGHT_BLOCK * (4 + 12 + 12 + 4 + 4 * channels + 16 * shadowed)
 
 
-def _light_bytes(plan: LightPlan) -> dict[str, int]:
+def _triangles(scene: Scene, light: Light) -> int:
+    """Those that may shadow the light."""
+    return sum(len(each.mesh.triangles) for each in scene.surfaces if light.may_be_shadowed_by(each.path))
+
+
+def _light_bytes(scene: Scene, plan: LightPlan) -> dict[str, int]:
     """The light's depth map, or its mask of casters alone, and its buffer for each domain."""
     found = {}
     if plan.surface_shadow:
@@ -159,6 +163,7 @@ def _light_bytes(plan: LightPlan) -> dict[str, int]:
             size = plan.light.shadow_map_size
             # The list of tiles, the mask and the bound on each tile's depth.
             found["map"] = 4 * faces * (size**2 + 3 * (-(-size // TILE)) ** 2)
+            found["map"] += 4 * prod(tile_lists(faces, size, _triangles(scene, plan.light)))
     for each in plan.smoke:
         if each.method != "ray_traced":
             found[f"{each.domain.domain.path} {each.method}"] = _buffer_bytes(plan, each)

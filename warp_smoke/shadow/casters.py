@@ -39,10 +39,12 @@ class Casters:
 
     Attributes:
         mesh: the triangles in set space; each has three points of its own.
-        surface_of_triangle: index of the surface that each triangle belongs to, [m] int32.
+        surface_of_triangle: index of the surface that each triangle of `mesh` belongs to, [m] int32.
+        triangles: corners of the triangles in set space, patch by patch, [m, 3, 3] float32.
         origin: world position of the origin of set space [stage units], [3] float64.
         lower, upper: bounds in set space [stage units], [3] float64; zeros where nothing is visible.
         moves: whether the triangles ever move or change.
+        most_triangles: how many there are when all surfaces are visible.
         version: counts the changes so far.
     """
 
@@ -51,6 +53,7 @@ class Casters:
         self.origin = np.asarray(origin, np.float64)
         self.moves = any(s.moves or s.mesh.deforms or isinstance(s.visible, Samples) for s in self._surfaces)
         self.version = 0
+        self.most_triangles = sum(len(surface.mesh.triangles) for surface in self._surfaces)
         self._time, self._visible = None, None
         self._still: dict[int, np.ndarray] = {}
 
@@ -81,7 +84,7 @@ class Casters:
         else:
             self.mesh.points.assign(self._boxes(triangles))
             self.mesh.refit()
-        self._patched = triangles[self._by_patch]
+        self.triangles = triangles[self._by_patch]
         # The hierarchy keeps the boxes' bounds; from here on its leaves hold the triangles themselves.
         self.mesh.points.assign(triangles.reshape(-1, 3))
         self.version += 1
@@ -98,7 +101,7 @@ class Casters:
 
     def boxes_behind_which(self, receivers: np.ndarray, light: np.ndarray, slack: float) -> np.ndarray:
         """Bounds of the patches of surfaces that may shadow receivers, [n, 2, 3]; see `coverage.casting_boxes`."""
-        return casting_boxes(self._patched, self._patches, receivers, light, slack)
+        return casting_boxes(self.triangles, self._patches, receivers, light, slack)
 
     def _corners(self, index: int, time: float) -> np.ndarray:
         """Corners of a surface's triangles in set space, [m, 3, 3] float32, front faces counter-clockwise."""

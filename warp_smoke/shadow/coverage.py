@@ -12,6 +12,11 @@ import numpy as np
 # Rays of a tile of 8 × 8 texels pass through the same part of the hierarchy.
 TILE = 8
 
+# A tile lists the triangles that its rays may meet where they are at most so many, in scenes of at most so many: there
+# it takes less time to test them all than to pass through the hierarchy.
+TRIANGLES_IN_TILE = 15
+TRIANGLES_IN_LISTS = 1024
+
 # Texels that the mask of casters resolves where there is no depth map.
 MASK_SIZE = 512
 
@@ -179,6 +184,12 @@ def casting_boxes(
 def nearest_distance(boxes: np.ndarray, position: np.ndarray) -> np.ndarray:
     """Distance of each box [n, 2, 3] from a point, [n]."""
     return np.linalg.norm(np.clip(position, boxes[:, 0], boxes[:, 1]) - position, axis=1)
+
+
+def tile_lists(faces: int, size: int, triangles: int) -> tuple[int, int]:
+    """Tiles and entries of the lists of triangles, of a map's faces of size² texels; none for too many."""
+    tiles = faces * (-(-size // TILE)) ** 2
+    return (tiles if triangles <= TRIANGLES_IN_LISTS else 0), 1 + TRIANGLES_IN_TILE
 
 
 def launch_size(tiles: int) -> int:

@@ -34,7 +34,7 @@ class CubeShadow(PointMapShadow):
 
     def depth_picture(self) -> np.ndarray:
         """The stored depths as a cross, +Z in the middle and +Y above it, [3 size, 4 size] uint8 (white = far)."""
-        depth = np.round(255.0 * self._depth.numpy()).astype(np.uint8)
+        depth = np.round(255.0 * self._depths.depth.numpy()).astype(np.uint8)
         size = depth.shape[1]
         picture = np.zeros((3 * size, 4 * size), np.uint8)
         for face, (row, column) in zip(depth, _FACE_IN_CROSS, strict=True):

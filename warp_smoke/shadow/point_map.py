@@ -1,23 +1,15 @@
-"""Depth maps around a point: six faces of a cube, or one over a spot light's cone, ray-cast.
-
-LearnOpenGL, *Point Shadows* and *Shadow Mapping*, describes the rasterised originals.
-A texel stores the distance from the light to the nearest surface along the ray through its centre, divided by the far
-distance; 1 where there is none. Row 0 is at the top (t = −1), column 0 at the left (s = −1).
-"""
+"""Look-ups in depth maps around a point: six faces of a cube, or one over a spot light's cone."""
 
 import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
-from warp_smoke.shadow import coverage
 from warp_smoke.shadow.bias import Bias, fixed_bias
 from warp_smoke.shadow.caster_mask import CasterMask, face_towards, may_be_shadowed
-from warp_smoke.shadow.casters import nearest_hit
 from warp_smoke.shadow.filters import Taps
-from warp_smoke.shadow.umbra import deepest_of_tile, deepest_within
+from warp_smoke.shadow.umbra import deepest_within
 
 wp.set_module_options({"enable_backward": False})
 
-_TILE = wp.constant(coverage.TILE)
 _FARTHEST_TAP = wp.constant(3.0**0.5)  # of the offsets of fixed filters, in half-widths
 
 
@@ -126,53 +118,6 @@ def in_umbra(m: PointMap, c: wp.vec4, r: wp.vec3, normal: wp.vec3, reach: float)
 
 
 @wp.kernel
-def _trace_tiles(
-    rows: Rows,
-    mesh: wp.uint64,
-    m: PointMap,
-    start: float,
-    cull: float,
-    tiles: wp.array[int],
-    count: int,
-    depth_out: wp.array3d[float],
-):
-    """depth[f,t,s] = |hit − light| / far, nearest hit from `start` on, for the first `count` tiles."""
-    n = rows.first + wp.tid()
-    within = n % (_TILE * _TILE)
-    n = n // (_TILE * _TILE)
-    if n < count:
-        tile = tiles[n]
-        size = depth_out.shape[1]
-        across = (size + _TILE - 1) // _TILE
-        row = (tile // across) % across * _TILE + within // _TILE
-        column = tile % across * _TILE + within % _TILE
-        face = tile // (across * across)
-        if row < size and column < size:
-            texel = 2.0 * m.slope / float(size)
-            s = texel * (float(column) + 0.5) - m.slope
-            t = texel * (float(row) + 0.5) - m.slope
-            direction = wp.transpose(m.frames[face]) * wp.vec3(s, t, 1.0)
-            length = wp.length(direction)
-            first = m.position + (start / length) * direction
-            hit = nearest_hit(mesh, first, direction, (m.far - start) / length, cull)
-            depth_out[face, row, column] = wp.where(hit < 0.0, 1.0, (start + hit * length) / m.far)
-
-
-@wp.kernel
-def _bound_tiles(
-    rows: Rows, depth: wp.array3d[float], tiles: wp.array[int], count: int, deepest_out: wp.array3d[float]
-):
-    """deepest[f,t,s] = max depth in the tile, for the first `count` tiles."""
-    n = rows.first + wp.tid()
-    if n < count:
-        across = deepest_out.shape[1]
-        face = tiles[n] // (across * across)
-        row = (tiles[n] // across) % across
-        column = tiles[n] % across
-        deepest_out[face, row, column] = deepest_of_tile(depth, face, row, column)
-
-
-@wp.kernel
 def _filter_taps(
     rows: Rows,
     m: PointMap,
@@ -259,16 +204,6 @@ def _filter_penumbra(
                         filtered += look_up(m, face, r, normal, r + o[0] * right + o[1] * up)
                     visible = filtered[1] / wp.max(filtered[0], 1.0)
     visibility_out[n] = visible
-
-
-def trace_tiles(
-    launcher: Launcher, mesh: wp.Mesh, m: PointMap, start: float, cull_front: bool, tiles: wp.array, count: int
-) -> None:
-    """Traces the first `count` tiles [faces · rows · columns] of a map, for hits from `start` on, and bounds them."""
-    size = coverage.launch_size(count)
-    cull = 1.0 if cull_front else 0.0
-    launcher.launch_each(_trace_tiles, size * coverage.TILE**2, mesh.id, m, start, cull, tiles, count, m.depth)
-    launcher.launch_each(_bound_tiles, size, m.depth, tiles, count, m.deepest)
 
 
 def filter_map(launcher: Launcher, m: PointMap, mask: CasterMask, taps: Taps, *look: wp.array) -> None:

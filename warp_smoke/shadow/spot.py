@@ -24,4 +24,4 @@ class SpotShadow(PointMapShadow):
 
     def depth_picture(self) -> np.ndarray:
         """The stored depths, [size, size] uint8 (white = far)."""
-        return np.round(255.0 * self._depth.numpy()[0]).astype(np.uint8)
+        return np.round(255.0 * self._depths.depth.numpy()[0]).astype(np.uint8)

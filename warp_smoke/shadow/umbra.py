@@ -15,17 +15,6 @@ _WIDEST = wp.constant(2.0 * TILE)
 
 
 @wp.func
-def deepest_of_tile(depth: wp.array3d[float], face: int, row: int, column: int):
-    """Largest depth in a tile."""
-    size = depth.shape[1]
-    deepest = wp.float32(0.0)
-    for i in range(row * _TILE, wp.min((row + 1) * _TILE, size)):
-        for j in range(column * _TILE, wp.min((column + 1) * _TILE, size)):
-            deepest = wp.max(deepest, depth[face, i, j])
-    return deepest
-
-
-@wp.func
 def deepest_within(deepest: wp.array3d[float], size: int, face: int, s: float, t: float, reach: float):
     """Bound on the depth of the texels within `reach` of (s, t); 1 if they lie beyond a map of size², or are many."""
     last = float(size) - 0.01

@@ -1,0 +1,166 @@
+"""Look-ups in a distant light's orthographic depth map (after LearnOpenGL, *Shadow Mapping*)."""
+
+import warp as wp
+
+from warp_smoke.launch import Launcher, Rows
+from warp_smoke.shadow.bias import Bias, fixed_bias, tangent
+from warp_smoke.shadow.caster_mask import CasterMask, may_be_shadowed
+from warp_smoke.shadow.filters import Taps
+from warp_smoke.shadow.umbra import deepest_within
+
+wp.set_module_options({"enable_backward": False})
+
+_FARTHEST_TAP = wp.constant(3.0**0.5)  # of the offsets of fixed filters, in half-widths
+
+
+@wp.struct
+class DirectionalMap:
+    """An orthographic depth map; set space · (s_axis, t_axis, direction) gives (s, t, depth) [stage units].
+
+    Attributes:
+        depth: (depth of the nearest surface − near) / (far − near) at texel centres, 1 where there is none,
+            [1, size, size].
+        deepest: largest `depth` in each tile, [1, rows, columns]; 1 where nothing was traced.
+        s_axis, t_axis, direction: unit vectors: to the right and down in the map, and the way the light shines.
+        s, t: of the map's upper left corner.
+        texel: side of a texel.
+        near, far: depth range.
+        bias: how much deeper than the stored depth a point must lie to be in shadow.
+    """
+
+    depth: wp.array3d[float]
+    deepest: wp.array3d[float]
+    s_axis: wp.vec3
+    t_axis: wp.vec3
+    direction: wp.vec3
+    s: float
+    t: float
+    texel: float
+    near: float
+    far: float
+    bias: Bias
+
+
+@wp.func
+def stored_depth(m: DirectionalMap, point: wp.vec3):
+    """The depth from `near` on that is stored where a point falls; infinite beside the map and where nothing is."""
+    s = (wp.dot(point, m.s_axis) - m.s) / m.texel
+    t = (wp.dot(point, m.t_axis) - m.t) / m.texel
+    stored = wp.float32(1.0)
+    if s >= 0.0 and t >= 0.0 and s < float(m.depth.shape[2]) and t < float(m.depth.shape[1]):
+        stored = m.depth[0, int(t), int(s)]
+    return wp.where(stored < 1.0, stored * (m.far - m.near), 1.0e30)
+
+
+@wp.func
+def nearest_of_texel(m: DirectionalMap, point: wp.vec3, normal: wp.vec3, cosine: float, offset: wp.vec3):
+    """The least depth from `near` on, less the bias, of the plane through a point in the texel at an offset.
+
+    The bias is spread · tan θ, spread being half a texel's diagonal. A light's own bias is taken off the point's depth.
+    """
+    d = wp.dot(point, m.direction) - m.near - fixed_bias(m.bias, cosine)
+    if m.bias.spread > 0.0:
+        along = wp.dot(offset, m.s_axis) * wp.dot(normal, m.s_axis)
+        along += wp.dot(offset, m.t_axis) * wp.dot(normal, m.t_axis)
+        d += along / wp.max(cosine, 1.0e-6) - m.bias.spread * tangent(cosine)
+    return d
+
+
+@wp.func
+def in_umbra(m: DirectionalMap, point: wp.vec3, normal: wp.vec3, cosine: float, reach: float):
+    """Whether all within `reach` of a point lies deeper than what is stored there; if unsure, it is false."""
+    s = (wp.dot(point, m.s_axis) - m.s) / m.texel
+    t = (wp.dot(point, m.t_axis) - m.t) / m.texel
+    deepest = deepest_within(m.deepest, m.depth.shape[1], 0, s, t, reach / m.texel)
+    found = wp.bool(False)
+    if deepest < 1.0:
+        least = nearest_of_texel(m, point, normal, cosine, wp.vec3())
+        if m.bias.spread > 0.0:
+            least -= reach * tangent(cosine)
+        found = least > deepest * (m.far - m.near)
+    return found
+
+
+@wp.kernel
+def _filter_taps(
+    rows: Rows,
+    m: DirectionalMap,
+    mask: CasterMask,
+    taps: Taps,
+    points: wp.array[wp.vec3],
+    normals: wp.array[wp.vec3],
+    visibility_out: wp.array[float],
+):
+    """visibility[n] = share of taps that are lit."""
+    n = rows.first + wp.tid()
+    p = points[n]
+    cosine = -wp.dot(m.direction, normals[n])
+    visible = wp.float32(0.0)
+    if cosine > 0.0:
+        visible = wp.float32(1.0)
+        if wp.dot(p, m.direction) <= m.far and may_be_shadowed(mask, p):
+            reach = taps.radius * (1.0 + taps.growth * wp.length(p - taps.eye)) + taps.texels * m.texel
+            lit = wp.float32(0.0)
+            if not in_umbra(m, p, normals[n], cosine, _FARTHEST_TAP * reach):
+                for k in range(taps.offsets.shape[0]):
+                    o = reach * taps.offsets[k]
+                    if nearest_of_texel(m, p, normals[n], cosine, o) <= stored_depth(m, p + o):
+                        lit += 1.0
+            visible = lit / float(taps.offsets.shape[0])
+    visibility_out[n] = visible
+
+
+@wp.kernel
+def _filter_penumbra(
+    rows: Rows,
+    m: DirectionalMap,
+    mask: CasterMask,
+    taps: Taps,
+    spread: float,
+    points: wp.array[wp.vec3],
+    normals: wp.array[wp.vec3],
+    visibility_out: wp.array[float],
+):
+    """Percentage-closer soft shadows (Fernando, 2005): blockers at mean depth b widen the filter to spread (d − b)."""
+    n = rows.first + wp.tid()
+    p = points[n]
+    cosine = -wp.dot(m.direction, normals[n])
+    visible = wp.float32(0.0)
+    if cosine > 0.0:
+        visible = wp.float32(1.0)
+        d = wp.dot(p, m.direction) - m.near
+        if d <= m.far - m.near and may_be_shadowed(mask, p):
+            smallest = taps.texels * m.texel
+            reach = wp.max(spread * d, smallest)
+            total = wp.float32(0.0)
+            blockers = wp.float32(0.0)
+            if in_umbra(m, p, normals[n], cosine, reach):
+                visible = wp.float32(0.0)
+            else:
+                for k in range(taps.offsets.shape[0]):
+                    o = reach * taps.offsets[k]
+                    stored = stored_depth(m, p + o)
+                    if nearest_of_texel(m, p, normals[n], cosine, o) > stored:
+                        blockers += 1.0
+                        total += stored
+            if blockers > 0.0:
+                reach = wp.max(spread * (d - total / blockers), smallest)
+                lit = wp.float32(0.0)
+                for k in range(taps.offsets.shape[0]):
+                    o = reach * taps.offsets[k]
+                    if nearest_of_texel(m, p, normals[n], cosine, o) <= stored_depth(m, p + o):
+                        lit += 1.0
+                visible = lit / float(taps.offsets.shape[0])
+    visibility_out[n] = visible
+
+
+def filter_map(launcher: Launcher, m: DirectionalMap, mask: CasterMask, taps: Taps, *look: wp.array) -> None:
+    """Visibility by a fixed filter; `look` is points, normals and visibility_out, [n] each."""
+    launcher.launch_each(_filter_taps, len(look[0]), m, mask, taps, *look)
+
+
+def filter_penumbra(
+    launcher: Launcher, m: DirectionalMap, mask: CasterMask, taps: Taps, spread: float, *look: wp.array
+) -> None:
+    """Visibility of a light that is `spread`, as a tangent, to each side in the sky; `look` as above."""
+    launcher.launch_each(_filter_penumbra, len(look[0]), m, mask, taps, spread, *look)

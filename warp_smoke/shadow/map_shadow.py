@@ -1,0 +1,92 @@
+"""Shadows by a depth map: what all lights' maps have in common, and when they are traced again."""
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+import warp as wp
+
+from warp_smoke.launch import Launcher
+from warp_smoke.scene import Camera, Light
+from warp_smoke.shadow import filters
+from warp_smoke.shadow.caster_mask import CasterTiles
+from warp_smoke.shadow.casters import Casters
+from warp_smoke.shadow.depth_map import DepthMap
+
+
+class MapShadow(ABC):
+    """Which points a light reaches, by a depth map.
+
+    Points that face away from the light are in their own shadow. Only tiles over which a caster and a receiver may lie
+    are traced.
+
+    Attributes:
+        faces: of the map.
+        map: the depth map, for look-ups.
+    """
+
+    faces: int
+
+    def __init__(
+        self,
+        launcher: Launcher,
+        light: Light,
+        casters: Casters,
+        receiver_bounds: np.ndarray,
+        camera: Camera | None = None,
+    ):
+        """Makes the map; `update` traces it.
+
+        Args:
+            launcher: launches the kernels.
+            light: of the kind that the map is for.
+            casters: what casts shadows.
+            receiver_bounds: lower and upper corner, in set space, of all that is ever looked up: a box [2, 3], or one
+                for each receiver [n, 2, 3].
+            camera: whose distance widens the filter `pcf_disk_view`.
+        """
+        self._launcher, self._light, self._casters, self._camera = launcher, light, casters, camera
+        self._receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
+        self._depths = DepthMap(launcher, self.faces, light.shadow_map_size, casters.most_triangles)
+        self._mask = CasterTiles(launcher, self.faces, light.shadow_map_size)
+        self._traced, self._looked = None, None
+
+    @property
+    def rays(self) -> int:
+        """How many texels were traced at the last change."""
+        return self._depths.rays
+
+    def update(self, time: float) -> None:
+        """Fits and traces the map for a time code, unless it is the same as before."""
+        light, casters = self._light, self._casters
+        state = casters.version, light.transform_at(time).tobytes()
+        eye = filters.eye_at(self._camera, time, casters.origin)
+        looked = state, None if eye is None else eye.tobytes()
+        if state != self._traced:
+            self.trace(self._place(time))
+        if looked != self._looked:
+            offsets, texels = self._filter()
+            far = float(self.map.far)
+            self._taps = filters.filter_taps(self._launcher, light, offsets, texels, eye, far)
+        self._traced, self._looked = state, looked
+
+    @abstractmethod
+    def _place(self, time: float) -> np.ndarray:
+        """Places the map for a time code, and returns the tiles to be traced, [faces, rows, columns] bool."""
+
+    @abstractmethod
+    def trace(self, covered: np.ndarray) -> None:
+        """Traces these tiles of the map, [faces, rows, columns] bool, as it was last placed."""
+
+    @abstractmethod
+    def _filter(self) -> tuple[np.ndarray, float]:
+        """Offsets of the filter's taps in set space, [n, 3], and its half-width in texels without softness."""
+
+    @abstractmethod
+    def visibility(self, points: wp.array, normals: wp.array, visibility_out: wp.array) -> None:
+        """Writes the share of light from 0 to 1 that reaches each point.
+
+        Args:
+            points: in set space, [n] vec3.
+            normals: unit surface normals, [n] vec3.
+            visibility_out: [n].
+        """
