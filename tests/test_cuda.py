@@ -9,10 +9,18 @@ import warp as wp
 import warp_smoke
 
 _ROOT = Path(warp_smoke.__file__).parent
+
+
+def _has_kernels(name: str) -> bool:
+    import_module(name)
+    return bool(wp.get_module(name).kernels)
+
+
 _MODULES = [
-    ".".join(("warp_smoke", *path.relative_to(_ROOT).with_suffix("").parts))
+    name
     for path in sorted(_ROOT.rglob("*.py"))
-    if "\n@wp.kernel" in path.read_text(encoding="utf-8")
+    if "\nwp.set_module_options(" in path.read_text(encoding="utf-8")
+    and _has_kernels(name := ".".join(("warp_smoke", *path.relative_to(_ROOT).with_suffix("").parts)))
 ]
 
 

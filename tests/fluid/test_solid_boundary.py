@@ -11,6 +11,7 @@ from warp_smoke.fluid.colliders import Solids, empty_solids
 from warp_smoke.fluid.grid import Box, face_shape
 from warp_smoke.fluid.schemes import ADVECTION_SCHEMES
 from warp_smoke.fluid.solid_boundary import SolidBoundary
+from warp_smoke.fluid.trace import Displacement
 from warp_smoke.lattice import place_lattice
 
 SHAPE = (12, 13, 14)
@@ -79,12 +80,13 @@ def test_traces_stop_at_the_first_solid(launcher, upload, reach):
     rng = np.random.default_rng(1)
     fluid = (rng.uniform(size=SHAPE) > 0.1).astype(float)
     asked = rng.uniform(-reach, reach, (*SHAPE, 3)).astype(np.float32)
-    back = [upload(asked[..., axis]) for axis in range(3)]
+    back = Displacement()
+    back.x, back.y, back.z = (upload(asked[..., axis]) for axis in range(3))
     _boundary(launcher, _cells(upload, fluid)).stop(back, back)
     free = fluid.ravel() > 0
     centres = np.stack(np.indices(SHAPE).reshape(3, -1), axis=1)[free].astype(float)
     asked = asked.reshape(-1, 3)[free].astype(float)
-    way = back[0].numpy().ravel()[free] / asked[:, 0]
+    way = back.x.numpy().ravel()[free] / asked[:, 0]
     # A trace through an edge or a corner may or may not count as entering the cell.
     early, late = (_ways_to_solid(fluid, centres, asked, least) for least in (-1e-4, 1e-4))
     assert 50 < np.sum(late < 1) < len(late) - 50

@@ -8,7 +8,7 @@ import warp as wp
 
 from warp_smoke.fluid.grid import all_cells
 from warp_smoke.fluid.runge_kutta import TRACES, trace_back
-from warp_smoke.fluid.trace import trace_ahead, trace_limits
+from warp_smoke.fluid.trace import make_displacement, trace_ahead, trace_limits
 
 SHAPE = (16, 17, 18)
 OPEN, CLOSED = ("open",) * 6, ("closed",) * 6
@@ -30,10 +30,10 @@ def _turned(points: np.ndarray, angle: float) -> np.ndarray:
 
 def _traces(launcher, velocity, step, limits, scheme="rk2"):
     """Displacements backwards and forwards of every cell, each [n, 3]."""
-    back, ahead = ([launcher.zeros(SHAPE, "test") for _ in range(3)] for _ in range(2))
+    back, ahead = (make_displacement(launcher, SHAPE) for _ in range(2))
     trace_back(launcher, scheme, all_cells(SHAPE), velocity, step, limits, back)
     trace_ahead(launcher, all_cells(SHAPE), velocity, step, limits, back, ahead)
-    return [np.stack([along.numpy().ravel() for along in both], axis=1) for both in (back, ahead)]
+    return [np.stack([along.numpy().ravel() for along in (d.x, d.y, d.z)], axis=1) for d in (back, ahead)]
 
 
 FAR = wp.vec3(-100.0, -100.0, -100.0), wp.vec3(100.0, 100.0, 100.0)

@@ -18,7 +18,7 @@ from warp_smoke.fluid.interpolation import clamped_place, mixed, sample, settle
 from warp_smoke.fluid.runge_kutta import trace_back
 from warp_smoke.fluid.samples import Samples
 from warp_smoke.fluid.solid_boundary import SolidBoundary
-from warp_smoke.fluid.trace import trace_limits
+from warp_smoke.fluid.trace import Displacement, make_displacement, trace_limits
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
@@ -26,58 +26,59 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def end_of_trace(
-    block: Block,
-    dx: wp.array3d[float],
-    dy: wp.array3d[float],
-    dz: wp.array3d[float],
-    i: int,
-    j: int,
-    k: int,
-    a: wp.array3d[float],
-    lower: wp.vec3,
-    upper: wp.vec3,
+    block: Block, d: Displacement, i: int, j: int, k: int, a: wp.array3d[float], lower: wp.vec3, upper: wp.vec3
 ):
     """Where the trace of sample (i, j, k) ends among the samples of a, and how much of that lies inside of them.
 
     The displacement is the mean of those in the cells beside the sample; the end is kept within [lower, upper].
     """
-    x0 = beside(dx, block.before)
-    y0 = beside(dy, block.before)
-    z0 = beside(dz, block.before)
-    x1 = beside(dx, block.after)
-    y1 = beside(dy, block.after)
-    z1 = beside(dz, block.after)
+    x0 = beside(d.x, block.before)
+    y0 = beside(d.y, block.before)
+    z0 = beside(d.z, block.before)
+    x1 = beside(d.x, block.after)
+    y1 = beside(d.y, block.after)
+    z1 = beside(d.z, block.after)
     x = float(i) + 0.5 * (x0[i, j, k] + x1[i, j, k])
     y = float(j) + 0.5 * (y0[i, j, k] + y1[i, j, k])
     z = float(k) + 0.5 * (z0[i, j, k] + z1[i, j, k])
     return clamped_place(a, x, y, z, lower, upper)
 
 
-@wp.kernel
-def sample_back(
-    rows: Rows,
-    block: Block,
-    dx: wp.array3d[float],
-    dy: wp.array3d[float],
-    dz: wp.array3d[float],
-    a: wp.array3d[float],
-    lower: wp.vec3,
-    upper: wp.vec3,
-    ambient: float,
-    a_out: wp.array3d[float],
-):
-    """Semi-Lagrangian: a_out(x) = a(x + d); one sample outside of a there is ambient."""
-    i, j, c = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    out = dense_store(a_out)
-    k = wp.max(block.first[2] + c * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        x, y, z, inside = end_of_trace(block, dx, dy, dz, i, j, k, a, lower, upper)
-        value = sample(a, x, y, z)
-        out[i, j, k] = bits(settle(mixed(ambient, value, inside)))
-        k += 1
+def sampling_kernel(interpolate: wp.Function, module: str) -> wp.Kernel:
+    """Makes the semi-Lagrangian kernel for a way to interpolate.
+
+    Args:
+        interpolate: gives the value of a field at a place by (a, x, y, z), in sample indices within those of a.
+        module: that the kernel is compiled with.
+    """
+
+    @wp.kernel(name="sample_back", module=wp.get_module(module))
+    def sample_back(
+        rows: Rows,
+        block: Block,
+        d: Displacement,
+        a: wp.array3d[float],
+        lower: wp.vec3,
+        upper: wp.vec3,
+        ambient: float,
+        a_out: wp.array3d[float],
+    ):
+        """Semi-Lagrangian: a_out(x) = a(x + d); one sample outside of a there is ambient."""
+        i, j, c = wp.tid()
+        i += rows.first + block.first[0]
+        j += block.first[1]
+        out = dense_store(a_out)
+        k = wp.max(block.first[2] + c * rows.run, 0)
+        end = wp.min(k + rows.run, block.stop)
+        while k < end:
+            x, y, z, inside = end_of_trace(block, d, i, j, k, a, lower, upper)
+            out[i, j, k] = bits(settle(mixed(ambient, interpolate(a, x, y, z), inside)))
+            k += 1
+
+    return sample_back
+
+
+sample_back = sampling_kernel(sample, __name__)
 
 
 @wp.kernel
@@ -123,11 +124,8 @@ class SemiLagrangian:
         self._air = box_of(self._traced)
         self._cells = Samples(shape, sides, layers, None)
         self._faces = tuple(Samples(shape, sides, layers, axis) for axis in range(3))
-        self._back = self._zeros([shape] * 3)
+        self._back = make_displacement(launcher, shape)
         self._spare = {samples: launcher.zeros(samples.shape, "advection") for samples in (self._cells, *self._faces)}
-
-    def _zeros(self, shapes: list) -> list:
-        return [self._launcher.zeros(shape, "advection") for shape in shapes]
 
     def activate(self, air: Box, smoke: Box) -> None:
         """Carries velocity in one box and scalars in another inside of it; elsewhere they stay as they are.
@@ -142,11 +140,12 @@ class SemiLagrangian:
             for faces in self._faces:
                 faces.activate(air)
             for displacement in self._displacements():
-                displacement.zero_()
+                for along in (displacement.x, displacement.y, displacement.z):
+                    along.zero_()
 
-    def _displacements(self) -> list:
+    def _displacements(self) -> tuple[Displacement, ...]:
         """Of the traces, 0 where velocity is not carried."""
-        return self._back
+        return (self._back,)
 
     def trace(self, velocity: tuple, step: float, courant: float = inf) -> None:
         """Traces through one step; what is advected next follows these traces.
@@ -208,7 +207,7 @@ class SemiLagrangian:
 
     def _carry(self, samples: Samples, field: wp.array, limits: tuple, ambient: float, new: wp.array) -> None:
         shape, block = samples.carried
-        self._launcher.launch(self._kernel, shape, block, *self._back, field, *limits, ambient, new)
+        self._launcher.launch(self._kernel, shape, block, self._back, field, *limits, ambient, new)
         if self._boundary and samples is self._cells:
             self._boundary.sample(self._back, field, limits, ambient, (new, new, new))
 

@@ -8,8 +8,9 @@ import warp as wp
 
 from warp_smoke.fluid.advection import end_of_trace
 from warp_smoke.fluid.grid import Block
-from warp_smoke.fluid.interpolation import sample, settle, within
-from warp_smoke.fluid.maccormack import MacCormack, half_error, unless_outside
+from warp_smoke.fluid.interpolation import sample, settle
+from warp_smoke.fluid.maccormack import MacCormack, clamped, half_error, reverted
+from warp_smoke.fluid.trace import Displacement
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
@@ -19,9 +20,7 @@ wp.set_module_options({"enable_backward": False})
 def _compensate(
     rows: Rows,
     block: Block,
-    ex: wp.array3d[float],
-    ey: wp.array3d[float],
-    ez: wp.array3d[float],
+    e: Displacement,
     a: wp.array3d[float],
     guess: wp.array3d[float],
     lower: wp.vec3,
@@ -37,71 +36,46 @@ def _compensate(
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        out[i, j, k] = bits(old[i, j, k] + half_error(block, ex, ey, ez, i, j, k, a, guess, lower, upper))
+        out[i, j, k] = bits(old[i, j, k] + half_error(block, e, i, j, k, a, guess, lower, upper))
         k += 1
 
 
-@wp.kernel
-def _sample_within(
-    rows: Rows,
-    block: Block,
-    dx: wp.array3d[float],
-    dy: wp.array3d[float],
-    dz: wp.array3d[float],
-    a: wp.array3d[float],
-    least: wp.array3d[float],
-    most: wp.array3d[float],
-    lower: wp.vec3,
-    upper: wp.vec3,
-    a_out: wp.array3d[float],
-):
-    """Sampling: a_out(x) = a(x + d), kept within [least, most]."""
-    i, j, c = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    low = dense(least)
-    high = dense(most)
-    out = dense_store(a_out)
-    k = wp.max(block.first[2] + c * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        lowest = low[i, j, k]
-        highest = high[i, j, k]
-        x, y, z, _ = end_of_trace(block, dx, dy, dz, i, j, k, a, lower, upper)
-        out[i, j, k] = bits(settle(within(sample(a, x, y, z), lowest, highest)))
-        k += 1
+def _sampling_kernel(limit: wp.Function) -> wp.Kernel:
+    """Makes the kernel that carries the compensated field within limits, by `clamped` or `reverted`."""
+
+    @wp.kernel(name=f"sample_{limit.key}")
+    def sample_limited(
+        rows: Rows,
+        block: Block,
+        d: Displacement,
+        a: wp.array3d[float],
+        guess: wp.array3d[float],
+        least: wp.array3d[float],
+        most: wp.array3d[float],
+        lower: wp.vec3,
+        upper: wp.vec3,
+        a_out: wp.array3d[float],
+    ):
+        """Sampling: a_out(x) = a(x + d), limited to [least, most]."""
+        i, j, c = wp.tid()
+        i += rows.first + block.first[0]
+        j += block.first[1]
+        new = dense(guess)
+        low = dense(least)
+        high = dense(most)
+        out = dense_store(a_out)
+        k = wp.max(block.first[2] + c * rows.run, 0)
+        end = wp.min(k + rows.run, block.stop)
+        while k < end:
+            x, y, z, _ = end_of_trace(block, d, i, j, k, a, lower, upper)
+            value = sample(a, x, y, z)
+            out[i, j, k] = bits(settle(limit(value, low[i, j, k], high[i, j, k], new[i, j, k])))
+            k += 1
+
+    return sample_limited
 
 
-@wp.kernel
-def _sample_or_not(
-    rows: Rows,
-    block: Block,
-    dx: wp.array3d[float],
-    dy: wp.array3d[float],
-    dz: wp.array3d[float],
-    a: wp.array3d[float],
-    guess: wp.array3d[float],
-    least: wp.array3d[float],
-    most: wp.array3d[float],
-    lower: wp.vec3,
-    upper: wp.vec3,
-    a_out: wp.array3d[float],
-):
-    """Like `_sample_within`, but a_out = guess where the value would leave [least, most]."""
-    i, j, c = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    new = dense(guess)
-    low = dense(least)
-    high = dense(most)
-    out = dense_store(a_out)
-    k = wp.max(block.first[2] + c * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        x, y, z, _ = end_of_trace(block, dx, dy, dz, i, j, k, a, lower, upper)
-        value = sample(a, x, y, z)
-        out[i, j, k] = bits(settle(unless_outside(value, low[i, j, k], high[i, j, k], new[i, j, k])))
-        k += 1
+_sample_clamped, _sample_reverted = _sampling_kernel(clamped), _sampling_kernel(reverted)
 
 
 class Bfecc(MacCormack):
@@ -120,9 +94,7 @@ class Bfecc(MacCormack):
         (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
         better = self._better[samples]
         self._keep(samples, field, better)
-        self._launcher.launch(_compensate, shape, block, *self._ahead, field, guess, *samples.limits, better)
+        self._launcher.launch(_compensate, shape, block, self._ahead, field, guess, *samples.limits, better)
         self._continue(samples, field, better)
-        if samples is self._cells:
-            self._launcher.launch(_sample_within, shape, block, *self._back, better, *bounds, *limits, new)
-        else:
-            self._launcher.launch(_sample_or_not, shape, block, *self._back, better, guess, *bounds, *limits, new)
+        limited = _sample_clamped if samples is self._cells else _sample_reverted
+        self._launcher.launch(limited, shape, block, self._back, better, guess, *bounds, *limits, new)

@@ -7,10 +7,8 @@ limited instead, which keeps it monotone in the same sense, that no value arises
 
 import warp as wp
 
-from warp_smoke.fluid.advection import SemiLagrangian, end_of_trace
-from warp_smoke.fluid.grid import Block
-from warp_smoke.fluid.interpolation import base, fraction, greater, lesser, mixed, settle, within
-from warp_smoke.launch import Rows, bits, dense_store
+from warp_smoke.fluid.advection import SemiLagrangian, sampling_kernel
+from warp_smoke.fluid.interpolation import base, fraction, greater, lesser, within
 
 wp.set_module_options({"enable_backward": False})
 
@@ -82,34 +80,14 @@ def sample_cubic(a: wp.array3d[float], x: float, y: float, z: float):
     return _mean(u, am, a0, a1, a2), lesser(l0, l1), greater(h0, h1)
 
 
-@wp.kernel
-def _sample_back_cubic(
-    rows: Rows,
-    block: Block,
-    dx: wp.array3d[float],
-    dy: wp.array3d[float],
-    dz: wp.array3d[float],
-    a: wp.array3d[float],
-    lower: wp.vec3,
-    upper: wp.vec3,
-    ambient: float,
-    a_out: wp.array3d[float],
-):
-    """a_out(x) = a(x + d) by cubic interpolation, within the range of the eight samples around x + d."""
-    i, j, c = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    out = dense_store(a_out)
-    k = wp.max(block.first[2] + c * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        x, y, z, inside = end_of_trace(block, dx, dy, dz, i, j, k, a, lower, upper)
-        value, low, high = sample_cubic(a, x, y, z)
-        out[i, j, k] = bits(settle(mixed(ambient, within(value, low, high), inside)))
-        k += 1
+@wp.func
+def _sample_limited(a: wp.array3d[float], x: float, y: float, z: float):
+    """Tricubic value of a at (x, y, z), within the range of the eight samples around."""
+    value, low, high = sample_cubic(a, x, y, z)
+    return within(value, low, high)
 
 
 class CubicSemiLagrangian(SemiLagrangian):
     """Order 2 and better: each sample takes the cubic value where its trace began, within the range around."""
 
-    _kernel = _sample_back_cubic
+    _kernel = sampling_kernel(_sample_limited, __name__)

@@ -12,7 +12,7 @@ from warp_smoke.fluid.advection import SemiLagrangian, end_of_trace
 from warp_smoke.fluid.grid import Block
 from warp_smoke.fluid.interpolation import blend, corners, fraction, greater, lesser, mixed, sample, settle, within
 from warp_smoke.fluid.samples import Samples
-from warp_smoke.fluid.trace import trace_ahead
+from warp_smoke.fluid.trace import Displacement, make_displacement, trace_ahead
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
@@ -22,9 +22,7 @@ wp.set_module_options({"enable_backward": False})
 def _guess(
     rows: Rows,
     block: Block,
-    dx: wp.array3d[float],
-    dy: wp.array3d[float],
-    dz: wp.array3d[float],
+    d: Displacement,
     a: wp.array3d[float],
     lower: wp.vec3,
     upper: wp.vec3,
@@ -43,7 +41,7 @@ def _guess(
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x, y, z, inside = end_of_trace(block, dx, dy, dz, i, j, k, a, lower, upper)
+        x, y, z, inside = end_of_trace(block, d, i, j, k, a, lower, upper)
         a000, a001, a010, a011, a100, a101, a110, a111 = corners(a, x, y, z)
         fx = fraction(x, a.shape[0])
         fy = fraction(y, a.shape[1])
@@ -62,9 +60,7 @@ def _guess(
 @wp.func
 def half_error(
     block: Block,
-    ex: wp.array3d[float],
-    ey: wp.array3d[float],
-    ez: wp.array3d[float],
+    e: Displacement,
     i: int,
     j: int,
     k: int,
@@ -78,76 +74,57 @@ def half_error(
     It fades out as x + e leaves the samples.
     """
     old = dense(a)
-    x, y, z, inside = end_of_trace(block, ex, ey, ez, i, j, k, guess, lower, upper)
+    x, y, z, inside = end_of_trace(block, e, i, j, k, guess, lower, upper)
     return 0.5 * inside * (old[i, j, k] - sample(guess, x, y, z))
 
 
 @wp.func
-def unless_outside(value: float, low: float, high: float, fallback: float):
-    """The value if it is in [low, high], else the fallback."""
-    return wp.where(within(value, low, high) == value, value, fallback)
+def clamped(value: float, low: float, high: float, _guess: float):
+    """The number in [low, high] nearest to the value."""
+    return within(value, low, high)
 
 
-@wp.kernel
-def _correct_within(
-    rows: Rows,
-    block: Block,
-    ex: wp.array3d[float],
-    ey: wp.array3d[float],
-    ez: wp.array3d[float],
-    a: wp.array3d[float],
-    guess: wp.array3d[float],
-    least: wp.array3d[float],
-    most: wp.array3d[float],
-    lower: wp.vec3,
-    upper: wp.vec3,
-    a_out: wp.array3d[float],
-):
-    """MacCormack: a_out(x) = guess(x) + ½ (a(x) − guess(x + e)), kept within [least, most]."""
-    i, j, c = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    new = dense(guess)
-    low = dense(least)
-    high = dense(most)
-    out = dense_store(a_out)
-    k = wp.max(block.first[2] + c * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        value = new[i, j, k] + half_error(block, ex, ey, ez, i, j, k, a, guess, lower, upper)
-        out[i, j, k] = bits(settle(within(value, low[i, j, k], high[i, j, k])))
-        k += 1
+@wp.func
+def reverted(value: float, low: float, high: float, guess: float):
+    """The value if it is in [low, high], else the guess."""
+    return wp.where(within(value, low, high) == value, value, guess)
 
 
-@wp.kernel
-def _correct_or_not(
-    rows: Rows,
-    block: Block,
-    ex: wp.array3d[float],
-    ey: wp.array3d[float],
-    ez: wp.array3d[float],
-    a: wp.array3d[float],
-    guess: wp.array3d[float],
-    least: wp.array3d[float],
-    most: wp.array3d[float],
-    lower: wp.vec3,
-    upper: wp.vec3,
-    a_out: wp.array3d[float],
-):
-    """Like `_correct_within`, but a_out = guess where the correction would leave [least, most]."""
-    i, j, c = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    new = dense(guess)
-    low = dense(least)
-    high = dense(most)
-    out = dense_store(a_out)
-    k = wp.max(block.first[2] + c * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        value = new[i, j, k] + half_error(block, ex, ey, ez, i, j, k, a, guess, lower, upper)
-        out[i, j, k] = bits(settle(unless_outside(value, low[i, j, k], high[i, j, k], new[i, j, k])))
-        k += 1
+def _correcting_kernel(limit: wp.Function) -> wp.Kernel:
+    """Makes the kernel that corrects the guess within limits, by `clamped` or `reverted`."""
+
+    @wp.kernel(name=f"correct_{limit.key}")
+    def correct(
+        rows: Rows,
+        block: Block,
+        e: Displacement,
+        a: wp.array3d[float],
+        guess: wp.array3d[float],
+        least: wp.array3d[float],
+        most: wp.array3d[float],
+        lower: wp.vec3,
+        upper: wp.vec3,
+        a_out: wp.array3d[float],
+    ):
+        """MacCormack: a_out(x) = guess(x) + ½ (a(x) − guess(x + e)), limited to [least, most]."""
+        i, j, c = wp.tid()
+        i += rows.first + block.first[0]
+        j += block.first[1]
+        new = dense(guess)
+        low = dense(least)
+        high = dense(most)
+        out = dense_store(a_out)
+        k = wp.max(block.first[2] + c * rows.run, 0)
+        end = wp.min(k + rows.run, block.stop)
+        while k < end:
+            value = new[i, j, k] + half_error(block, e, i, j, k, a, guess, lower, upper)
+            out[i, j, k] = bits(settle(limit(value, low[i, j, k], high[i, j, k], new[i, j, k])))
+            k += 1
+
+    return correct
+
+
+_correct_clamped, _correct_reverted = _correcting_kernel(clamped), _correcting_kernel(reverted)
 
 
 class MacCormack(SemiLagrangian):
@@ -160,15 +137,16 @@ class MacCormack(SemiLagrangian):
     def __init__(self, launcher: Launcher, shape: tuple[int, int, int], *args, **options):
         """Allocates; arguments as for `SemiLagrangian`."""
         super().__init__(launcher, shape, *args, **options)
-        self._ahead = self._zeros([shape] * 3)
+        self._ahead = make_displacement(launcher, shape)
         self._guess = {samples: launcher.zeros(samples.shape, "advection") for samples in self._spare}
-        bounds = self._zeros([max(prod(samples.shape) for samples in self._spare)] * 2)
+        size = max(prod(samples.shape) for samples in self._spare)
+        bounds = [launcher.zeros(size, "advection") for _ in range(2)]
         self._bounds = {
             samples: [each[: prod(samples.shape)].reshape(samples.shape) for each in bounds] for samples in self._spare
         }
 
-    def _displacements(self) -> list:
-        return [*self._back, *self._ahead]
+    def _displacements(self) -> tuple[Displacement, ...]:
+        return self._back, self._ahead
 
     def trace(self, velocity: tuple, step: float, courant: float = inf) -> None:
         """Traces through one step both ways."""
@@ -186,7 +164,7 @@ class MacCormack(SemiLagrangian):
     def _make_guess(self, samples: Samples, field: wp.array, limits: tuple, ambient: float) -> None:
         """The first-order guess, and the bounds of the result."""
         (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
-        self._launcher.launch(_guess, shape, block, *self._back, field, *limits, ambient, guess, *bounds)
+        self._launcher.launch(_guess, shape, block, self._back, field, *limits, ambient, guess, *bounds)
         if self._boundary and samples is self._cells:
             self._boundary.sample(self._back, field, limits, ambient, (guess, *bounds))
 
@@ -200,6 +178,6 @@ class MacCormack(SemiLagrangian):
             new: written.
         """
         (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
-        correct = _correct_within if samples is self._cells else _correct_or_not
-        args = (*self._ahead, field, guess, *bounds, *samples.limits, new)
+        correct = _correct_clamped if samples is self._cells else _correct_reverted
+        args = (self._ahead, field, guess, *bounds, *samples.limits, new)
         self._launcher.launch(correct, shape, block, *args)

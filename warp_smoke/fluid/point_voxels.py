@@ -25,6 +25,16 @@ _HALF_DIAGONAL = wp.constant(0.8661)
 _GRID = 32
 
 
+@wp.struct
+class Spheres:
+    """Spheres in cell coordinates: centres, radii, scale of the shares that their surfaces cut, and velocity [m/s]."""
+
+    centres: wp.array[wp.vec3]
+    radii: wp.array[float]
+    scale: wp.array[float]
+    velocity: wp.array[wp.vec3]
+
+
 @wp.func
 def _share_in_sphere(centre: wp.vec3, radius: float, cell: wp.vec3):
     """Share of the cell around `cell` behind the plane at the closest point of a sphere."""
@@ -69,10 +79,7 @@ def _fill(
     grid: wp.uint64,
     lower: wp.vec3i,
     reach: float,
-    centres: wp.array[wp.vec3],
-    radii: wp.array[float],
-    scale: wp.array[float],
-    velocity: wp.array[wp.vec3],
+    spheres: Spheres,
     moves: int,
     fraction_out: wp.array3d[float],
     u_out: wp.array3d[float],
@@ -91,12 +98,12 @@ def _fill(
         query = wp.hash_grid_query(grid, cell, reach)
         n = wp.int32(0)
         while wp.hash_grid_query_next(query, n):
-            share = _share_in_sphere(centres[n], radii[n], cell)
+            share = _share_in_sphere(spheres.centres[n], spheres.radii[n], cell)
             if share < 1.0:
-                share *= scale[n]
+                share *= spheres.scale[n]
             total += share
             if moves != 0:
-                motion += share * velocity[n]
+                motion += share * spheres.velocity[n]
         fraction_out[i, j, k] = wp.min(total, 1.0)
         if moves != 0:
             motion /= wp.max(total, 1.0e-20)
@@ -131,8 +138,9 @@ class PointVoxels:
         self.lower = self.shape = (0, 0, 0)
         self.fraction, self.velocity = None, None
         count = len(emitter.mesh.points_at(0.0))
-        self._centres, self._velocity = (launcher.zeros(count, label, wp.vec3) for _ in range(2))
-        self._radii, self._scale = (launcher.zeros(count, label) for _ in range(2))
+        spheres = self._spheres = Spheres()
+        spheres.centres, spheres.velocity = (launcher.zeros(count, label, wp.vec3) for _ in range(2))
+        spheres.radii, spheres.scale = (launcher.zeros(count, label) for _ in range(2))
         self._grid = wp.HashGrid(_GRID, _GRID, _GRID, device=launcher.device)
         self._last = None  # centres, radii, velocity of the last update
         self._storage = ()  # room for fraction, and u, v, w if anything moves, as large as the largest box so far
@@ -150,10 +158,10 @@ class PointVoxels:
         """
         if self._last is not None and not self.moves:
             return False
-        centres, radii = self._spheres(end)
+        centres, radii = self._spheres_at(end)
         velocity = np.zeros_like(centres)
         if start != end:
-            velocity = (centres - self._spheres(start)[0]) * (self._lattice.h / seconds)
+            velocity = (centres - self._spheres_at(start)[0]) * (self._lattice.h / seconds)
         now = centres, radii, velocity
         if self._last is not None and all(np.array_equal(a, b) for a, b in zip(now, self._last, strict=True)):
             return False
@@ -166,16 +174,16 @@ class PointVoxels:
 
     def travel(self, start: float, end: float) -> float:
         """How far any point lies from where it was [cells]."""
-        if not self.moves or start == end or not len(self._radii):
+        if not self.moves or start == end or not len(self._spheres.radii):
             return 0.0
-        was, now = (self._spheres(time)[0] for time in (start, end))
+        was, now = (self._spheres_at(time)[0] for time in (start, end))
         return float(np.linalg.norm(now - was, axis=1).max())
 
     def volume_ratio(self) -> float:
         """The volume of the spheres over that of their cells, as for `MeshVoxels`: they agree already."""
         return 1.0
 
-    def _spheres(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+    def _spheres_at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Centres [n, 3] and radii [n] in cell coordinates, float64; scaled unevenly, spheres keep their volume."""
         to_cells = self._emitter.transform_at(time) @ self._lattice.world_to_cells()
         scale = np.cbrt(abs(np.linalg.det(to_cells[:3, :3])))
@@ -194,10 +202,11 @@ class PointVoxels:
             self.lower, self.shape = tuple(lower.tolist()), tuple((upper - lower).tolist())
 
     def _place(self, centres: np.ndarray, radii: np.ndarray, velocity: np.ndarray) -> None:
-        self._centres.assign(centres.astype(np.float32))
-        self._radii.assign(radii.astype(np.float32))
-        self._velocity.assign(velocity.astype(np.float32))
-        self._launcher.launch_each(_scale_surfaces, len(radii), self._centres, self._radii, self._scale)
+        spheres = self._spheres
+        spheres.centres.assign(centres.astype(np.float32))
+        spheres.radii.assign(radii.astype(np.float32))
+        spheres.velocity.assign(velocity.astype(np.float32))
+        self._launcher.launch_each(_scale_surfaces, len(radii), spheres.centres, spheres.radii, spheres.scale)
 
     def _fill(self, radius: float) -> None:
         count = prod(self.shape)
@@ -205,11 +214,10 @@ class PointVoxels:
             self._storage = tuple(self._launcher.zeros(count, self._label) for _ in range(4 if self.moves else 1))
         self.fraction, *velocity = (array[:count].reshape(self.shape) for array in self._storage)
         reach = radius + _HALF_DIAGONAL
-        self._grid.build(self._centres, reach)
+        self._grid.build(self._spheres.centres, reach)
         place = (self._grid.id, wp.vec3i(*self.lower), reach)
-        spheres = (self._centres, self._radii, self._scale, self._velocity)
         unread = [self.fraction] * 3  # where velocity goes if there is none
-        args = (*place, *spheres, int(self.moves), self.fraction, *(velocity or unread))
+        args = (*place, self._spheres, int(self.moves), self.fraction, *(velocity or unread))
         self._launcher.launch_queries(_fill, self.shape, *args)
         if self.moves:
             self.velocity = tuple(velocity)

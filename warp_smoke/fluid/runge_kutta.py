@@ -6,71 +6,34 @@ which all smoke is carried by, is in `trace.py`; the others are there to be comp
 
 import warp as wp
 
-from warp_smoke.fluid.grid import Block, Patch
-from warp_smoke.fluid.trace import face_sums, store_displacement, trace_by_midpoint, velocity_at
-from warp_smoke.launch import Launcher, Rows
+from warp_smoke.fluid.grid import Patch
+from warp_smoke.fluid.trace import Displacement, face_sums, trace_by_midpoint, tracing_kernel, velocity_at
+from warp_smoke.launch import Launcher
 
 wp.set_module_options({"enable_backward": False})
 
 
-@wp.kernel
-def _trace_by_euler(
-    rows: Rows,
-    block: Block,
-    u: wp.array3d[float],
-    v: wp.array3d[float],
-    w: wp.array3d[float],
-    step: float,
-    lower: wp.vec3,
-    upper: wp.vec3,
-    dx_out: wp.array3d[float],
-    dy_out: wp.array3d[float],
-    dz_out: wp.array3d[float],
-):
-    """Euler: d = −s u(x), s = dt / h, and x + d kept within [lower, upper]."""
-    i, j, c = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    half = 0.5 * step
-    k = wp.max(block.first[2] + c * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        d = -half * face_sums(u, v, w, i, j, k)
-        store_displacement(i, j, k, d, lower, upper, dx_out, dy_out, dz_out)
-        k += 1
+@wp.func
+def by_euler(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float], step: float, i: int, j: int, k: int):
+    """Euler: d = −s u(x)."""
+    return -0.5 * step * face_sums(u, v, w, i, j, k)
 
 
-@wp.kernel
-def _trace_by_ralston(
-    rows: Rows,
-    block: Block,
-    u: wp.array3d[float],
-    v: wp.array3d[float],
-    w: wp.array3d[float],
-    step: float,
-    lower: wp.vec3,
-    upper: wp.vec3,
-    dx_out: wp.array3d[float],
-    dy_out: wp.array3d[float],
-    dz_out: wp.array3d[float],
-):
-    """Ralston: d = −s (2 a + 3 b + 4 c) / 9, a = u(x), b = u(x − ½ s a), c = u(x − ¾ s b); ends as for Euler's."""
-    i, j, n = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    k = wp.max(block.first[2] + n * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        x = wp.vec3(float(i), float(j), float(k))
-        a = velocity_at(u, v, w, x)
-        b = velocity_at(u, v, w, x - 0.5 * step * a)
-        c = velocity_at(u, v, w, x - 0.75 * step * b)
-        d = -step / 9.0 * (2.0 * a + 3.0 * b + 4.0 * c)
-        store_displacement(i, j, k, d, lower, upper, dx_out, dy_out, dz_out)
-        k += 1
+@wp.func
+def by_ralston(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float], step: float, i: int, j: int, k: int):
+    """Ralston: d = −s (2 a + 3 b + 4 c) / 9, a = u(x), b = u(x − ½ s a), c = u(x − ¾ s b)."""
+    x = wp.vec3(float(i), float(j), float(k))
+    a = velocity_at(u, v, w, x)
+    b = velocity_at(u, v, w, x - 0.5 * step * a)
+    c = velocity_at(u, v, w, x - 0.75 * step * b)
+    return -step / 9.0 * (2.0 * a + 3.0 * b + 4.0 * c)
 
 
-TRACES = {"euler": _trace_by_euler, "rk2": trace_by_midpoint, "rk3": _trace_by_ralston}
+TRACES = {
+    "euler": tracing_kernel(by_euler, __name__),
+    "rk2": trace_by_midpoint,
+    "rk3": tracing_kernel(by_ralston, __name__),
+}
 
 
 def trace_back(
@@ -80,7 +43,7 @@ def trace_back(
     velocity: tuple,
     step: float,
     limits: tuple[wp.vec3, wp.vec3],
-    displacement: tuple,
+    back: Displacement,
 ) -> None:
     """Traces from each cell's centre to where its smoke was one step ago.
 
@@ -91,6 +54,6 @@ def trace_back(
         velocity: u, v, w on faces [m/s].
         step: dt / h [s/m].
         limits: where traces end, see `trace_limits`.
-        displacement: along x, y, z, each [nx, ny, nz] [cells], written.
+        back: written.
     """
-    launcher.launch(TRACES[scheme], *cells, *velocity, step, *limits, *displacement)
+    launcher.launch(TRACES[scheme], *cells, *velocity, step, *limits, back)

@@ -12,6 +12,7 @@ from warp_smoke.fluid.colliders import Solids
 from warp_smoke.fluid.grid import Block, Box, Patch, all_cells, faces_of, grown, patch_of
 from warp_smoke.fluid.interpolation import clamped_place, greater, mixed, shifted, within
 from warp_smoke.fluid.solid_cells import SHORT, SolidCells, sum_connected, way_to_solid
+from warp_smoke.fluid.trace import Displacement
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
@@ -79,9 +80,7 @@ def _stop_at_solids(
     rows: Rows,
     block: Block,
     solids: SolidCells,
-    dx_inout: wp.array3d[float],
-    dy_inout: wp.array3d[float],
-    dz_inout: wp.array3d[float],
+    d_inout: Displacement,
 ):
     """Shortening: d ends where it first meets a closed face."""
     i, j, c = wp.tid()
@@ -90,17 +89,17 @@ def _stop_at_solids(
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        x = dx_inout[i, j, k]
-        y = dy_inout[i, j, k]
-        z = dz_inout[i, j, k]
+        x = d_inout.x[i, j, k]
+        y = d_inout.y[i, j, k]
+        z = d_inout.z[i, j, k]
         far = wp.max(wp.abs(x), wp.max(wp.abs(y), wp.abs(z)))
         # A short way crosses no faces but those of the cell and its neighbours.
         if (far > 1.5 or (far > 0.5 and solids.crowded[i, j, k] > 0.0)) and solids.fluid[i, j, k] > 0.0:
             way = way_to_solid(solids, i, j, k, x, y, z)
             if way < 2.0:
-                dx_inout[i, j, k] = SHORT * way * x
-                dy_inout[i, j, k] = SHORT * way * y
-                dz_inout[i, j, k] = SHORT * way * z
+                d_inout.x[i, j, k] = SHORT * way * x
+                d_inout.y[i, j, k] = SHORT * way * y
+                d_inout.z[i, j, k] = SHORT * way * z
         k += 1
 
 
@@ -119,24 +118,20 @@ def _mark_near(
     rows: Rows,
     block: Block,
     crowded: wp.array3d[float],
-    dx: wp.array3d[float],
-    dy: wp.array3d[float],
-    dz: wp.array3d[float],
-    ex: wp.array3d[float],
-    ey: wp.array3d[float],
-    ez: wp.array3d[float],
+    d: Displacement,
+    e: Displacement,
     near_out: wp.array3d[float],
 ):
     """Mark: near = 1 if x + d or x + e lies in a crowded cell, else 0."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
-    bx = dense(dx)
-    by = dense(dy)
-    bz = dense(dz)
-    ax = dense(ex)
-    ay = dense(ey)
-    az = dense(ez)
+    dx = dense(d.x)
+    dy = dense(d.y)
+    dz = dense(d.z)
+    ex = dense(e.x)
+    ey = dense(e.y)
+    ez = dense(e.z)
     near = dense_store(near_out)
     x = float(i)
     y = float(j)
@@ -144,8 +139,8 @@ def _mark_near(
     end = wp.min(k + rows.run, block.stop)
     while k < end:
         z = float(k)
-        back = _crowded_at(crowded, x + bx[i, j, k], y + by[i, j, k], z + bz[i, j, k])
-        ahead = _crowded_at(crowded, x + ax[i, j, k], y + ay[i, j, k], z + az[i, j, k])
+        back = _crowded_at(crowded, x + dx[i, j, k], y + dy[i, j, k], z + dz[i, j, k])
+        ahead = _crowded_at(crowded, x + ex[i, j, k], y + ey[i, j, k], z + ez[i, j, k])
         near[i, j, k] = bits(greater(back, ahead))
         k += 1
 
@@ -155,9 +150,7 @@ def _sample_near_solids(
     rows: Rows,
     block: Block,
     solids: SolidCells,
-    dx: wp.array3d[float],
-    dy: wp.array3d[float],
-    dz: wp.array3d[float],
+    d: Displacement,
     a: wp.array3d[float],
     lower: wp.vec3,
     upper: wp.vec3,
@@ -179,9 +172,9 @@ def _sample_near_solids(
     while k < end:
         value = ambient
         if fluid[i, j, k] > 0.0 and solids.near[i, j, k] > 0.0:
-            x = float(i) + dx[i, j, k]
-            y = float(j) + dy[i, j, k]
-            z = float(k) + dz[i, j, k]
+            x = float(i) + d.x[i, j, k]
+            y = float(j) + d.y[i, j, k]
+            z = float(k) + d.z[i, j, k]
             cx, cy, cz, inside = clamped_place(a, x, y, z, lower, upper)
             total, weights = sum_connected(solids, a, cx, cy, cz)
             if weights > 0.0:
@@ -299,25 +292,25 @@ class SolidBoundary:
             unit = wp.vec3i(*(int(a == axis) for a in range(3)))
             self._launcher.launch(_extend, *faces_of(solids.box, axis), unit, solids.fluid, share, velocity[axis])
 
-    def stop(self, back: list, ahead: list) -> None:
+    def stop(self, back: Displacement, ahead: Displacement) -> None:
         """Ends traces at solids, and notes which cells `sample` has to do.
 
         Args:
-            back: displacement backwards along x, y, z, each [nx, ny, nz] [cells], shortened.
-            ahead: displacement forwards, likewise [cells].
+            back: to where smoke was, shortened.
+            ahead: to where it will be.
         """
-        self._launcher.launch(_stop_at_solids, *self._concerned, self._cells, *back)
-        self._launcher.launch(_mark_near, *self._concerned, self._crowded, *back, *ahead, self._near)
+        self._launcher.launch(_stop_at_solids, *self._concerned, self._cells, back)
+        self._launcher.launch(_mark_near, *self._concerned, self._crowded, back, ahead, self._near)
 
-    def sample(self, back: list, field: wp.array, limits: tuple, ambient: float, results: tuple) -> None:
+    def sample(self, back: Displacement, field: wp.array, limits: tuple, ambient: float, results: tuple) -> None:
         """Samples a field of the cells again where solids are near, and makes it ambient in solids.
 
         Args:
-            back: displacement backwards along x, y, z, each [nx, ny, nz] [cells].
+            back: to where smoke was.
             field: [nx, ny, nz].
             limits: first and last place that a trace may end, in cell indices.
             ambient: value of the field outside.
             results: three arrays [nx, ny, nz] that all take the value where solids are near; may be the same.
         """
-        args = (self._cells, *back, field, *limits, ambient, *results)
+        args = (self._cells, back, field, *limits, ambient, *results)
         self._launcher.launch(_sample_near_solids, *self._concerned, *args)

@@ -38,22 +38,28 @@ def velocity_at(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float]
     )
 
 
+@wp.struct
+class Displacement:
+    """How far each cell's smoke goes along x, y and z, each [nx, ny, nz] [cells]."""
+
+    x: wp.array3d[float]
+    y: wp.array3d[float]
+    z: wp.array3d[float]
+
+
+def make_displacement(launcher: Launcher, shape: tuple[int, int, int]) -> Displacement:
+    """Displacements of 0."""
+    made = Displacement()
+    made.x, made.y, made.z = (launcher.zeros(shape, "advection") for _ in range(3))
+    return made
+
+
 @wp.func
-def store_displacement(
-    i: int,
-    j: int,
-    k: int,
-    d: wp.vec3,
-    lower: wp.vec3,
-    upper: wp.vec3,
-    dx_out: wp.array3d[float],
-    dy_out: wp.array3d[float],
-    dz_out: wp.array3d[float],
-):
+def store_displacement(i: int, j: int, k: int, d: wp.vec3, lower: wp.vec3, upper: wp.vec3, d_out: Displacement):
     """Stores the displacement d of a cell, shortened to end within [lower, upper]."""
-    dx = dense_store(dx_out)
-    dy = dense_store(dy_out)
-    dz = dense_store(dz_out)
+    dx = dense_store(d_out.x)
+    dy = dense_store(d_out.y)
+    dz = dense_store(d_out.z)
     x = float(i)
     y = float(j)
     z = float(k)
@@ -62,32 +68,48 @@ def store_displacement(
     dz[i, j, k] = bits(within(d[2], lower[2] - z, upper[2] - z))
 
 
-@wp.kernel
-def trace_by_midpoint(
-    rows: Rows,
-    block: Block,
-    u: wp.array3d[float],
-    v: wp.array3d[float],
-    w: wp.array3d[float],
-    step: float,
-    lower: wp.vec3,
-    upper: wp.vec3,
-    dx_out: wp.array3d[float],
-    dy_out: wp.array3d[float],
-    dz_out: wp.array3d[float],
-):
-    """Midpoint rule: d = −s u(x − ½ s u(x)), s = dt / h, and x + d kept within [lower, upper]."""
-    i, j, c = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    quarter = 0.25 * step
-    k = wp.max(block.first[2] + c * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        middle = wp.vec3(float(i), float(j), float(k)) - quarter * face_sums(u, v, w, i, j, k)
-        d = -step * velocity_at(u, v, w, middle)
-        store_displacement(i, j, k, d, lower, upper, dx_out, dy_out, dz_out)
-        k += 1
+def tracing_kernel(rule: wp.Function, module: str) -> wp.Kernel:
+    """Makes the kernel that traces backwards by a rule.
+
+    Args:
+        rule: gives the displacement of cell (i, j, k) by (u, v, w, step, i, j, k).
+        module: that the kernel is compiled with.
+    """
+
+    @wp.kernel(name=f"trace_{rule.key}", module=wp.get_module(module))
+    def trace(
+        rows: Rows,
+        block: Block,
+        u: wp.array3d[float],
+        v: wp.array3d[float],
+        w: wp.array3d[float],
+        step: float,
+        lower: wp.vec3,
+        upper: wp.vec3,
+        d_out: Displacement,
+    ):
+        """Displacement d by the rule, s = dt / h the step, and x + d kept within [lower, upper]."""
+        i, j, c = wp.tid()
+        i += rows.first + block.first[0]
+        j += block.first[1]
+        k = wp.max(block.first[2] + c * rows.run, 0)
+        end = wp.min(k + rows.run, block.stop)
+        while k < end:
+            d = rule(u, v, w, step, i, j, k)
+            store_displacement(i, j, k, d, lower, upper, d_out)
+            k += 1
+
+    return trace
+
+
+@wp.func
+def by_midpoint(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float], step: float, i: int, j: int, k: int):
+    """Midpoint rule: d = −s u(x − ½ s u(x))."""
+    middle = wp.vec3(float(i), float(j), float(k)) - 0.25 * step * face_sums(u, v, w, i, j, k)
+    return -step * velocity_at(u, v, w, middle)
+
+
+trace_by_midpoint = tracing_kernel(by_midpoint, __name__)
 
 
 @wp.kernel
@@ -100,12 +122,8 @@ def _trace_ahead(
     step: float,
     lower: wp.vec3,
     upper: wp.vec3,
-    dx: wp.array3d[float],
-    dy: wp.array3d[float],
-    dz: wp.array3d[float],
-    ex_out: wp.array3d[float],
-    ey_out: wp.array3d[float],
-    ez_out: wp.array3d[float],
+    d: Displacement,
+    e_out: Displacement,
 ):
     """Reverse: e = d + 2 s u(x), s = dt / h, d the displacement backwards, and x + e kept within [lower, upper].
 
@@ -115,14 +133,14 @@ def _trace_ahead(
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
-    bx = dense(dx)
-    by = dense(dy)
-    bz = dense(dz)
+    dx = dense(d.x)
+    dy = dense(d.y)
+    dz = dense(d.z)
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
     while k < end:
-        e = wp.vec3(bx[i, j, k], by[i, j, k], bz[i, j, k]) + step * face_sums(u, v, w, i, j, k)
-        store_displacement(i, j, k, e, lower, upper, ex_out, ey_out, ez_out)
+        e = wp.vec3(dx[i, j, k], dy[i, j, k], dz[i, j, k]) + step * face_sums(u, v, w, i, j, k)
+        store_displacement(i, j, k, e, lower, upper, e_out)
         k += 1
 
 
@@ -139,8 +157,8 @@ def trace_ahead(
     velocity: tuple,
     step: float,
     limits: tuple[wp.vec3, wp.vec3],
-    backwards: tuple,
-    displacement: tuple,
+    back: Displacement,
+    ahead: Displacement,
 ) -> None:
     """Traces from each cell's centre to where its smoke will be one step on.
 
@@ -150,7 +168,7 @@ def trace_ahead(
         velocity: u, v, w on faces [m/s].
         step: dt / h [s/m].
         limits: where traces end, see `trace_limits`.
-        backwards: what `runge_kutta.trace_back` made of the same velocity.
-        displacement: along x, y, z, each [nx, ny, nz] [cells], written.
+        back: what `runge_kutta.trace_back` made of the same velocity.
+        ahead: written.
     """
-    launcher.launch(_trace_ahead, *cells, *velocity, step, *limits, *backwards, *displacement)
+    launcher.launch(_trace_ahead, *cells, *velocity, step, *limits, back, ahead)

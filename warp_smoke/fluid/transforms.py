@@ -55,51 +55,27 @@ _FACES = {
 
 
 @wp.kernel
-def _transform_i(rows: Rows, matrix: wp.array2d[float], a: wp.array3d[float], a_out: wp.array3d[float]):
-    """a_out_ijk = Σ_l matrix_il a_ljk."""
+def _transform(rows: Rows, matrix: wp.array2d[float], unit: wp.vec3i, a: wp.array3d[float], a_out: wp.array3d[float]):
+    """a_out(x) = Σ_l matrix_ml a(x + (l − m) unit), m the index of sample x along the axis of `unit`."""
     i, j, c = wp.tid()
     i += rows.first
+    ny = a.shape[1]
+    nz = a.shape[2]
+    flat = wp.array(ptr=a.ptr, shape=(a.shape[0] * ny * nz,), dtype=float)
+    stride = (unit[0] * ny + unit[1]) * nz + unit[2]
     k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, a.shape[2])
+    end = wp.min(k + rows.run, nz)
     while k < end:
+        m = i * unit[0] + j * unit[1] + k * unit[2]
+        first = (i * ny + j) * nz + k - m * stride
         total = wp.float32(0.0)
-        for other in range(a.shape[0]):
-            total += matrix[i, other] * a[other, j, k]
+        for other in range(matrix.shape[1]):
+            total += matrix[m, other] * flat[first + other * stride]
         a_out[i, j, k] = total
         k += 1
 
 
-@wp.kernel
-def _transform_j(rows: Rows, matrix: wp.array2d[float], a: wp.array3d[float], a_out: wp.array3d[float]):
-    """a_out_ijk = Σ_l matrix_jl a_ilk."""
-    i, j, c = wp.tid()
-    i += rows.first
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, a.shape[2])
-    while k < end:
-        total = wp.float32(0.0)
-        for other in range(a.shape[1]):
-            total += matrix[j, other] * a[i, other, k]
-        a_out[i, j, k] = total
-        k += 1
-
-
-@wp.kernel
-def _transform_k(rows: Rows, matrix: wp.array2d[float], a: wp.array3d[float], a_out: wp.array3d[float]):
-    """a_out_ijk = Σ_l matrix_kl a_ijl."""
-    i, j, c = wp.tid()
-    i += rows.first
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, a.shape[2])
-    while k < end:
-        total = wp.float32(0.0)
-        for other in range(a.shape[2]):
-            total += matrix[k, other] * a[i, j, other]
-        a_out[i, j, k] = total
-        k += 1
-
-
-_TRANSFORMS = (_transform_i, _transform_j, _transform_k)
+_UNITS = (wp.vec3i(1, 0, 0), wp.vec3i(0, 1, 0), wp.vec3i(0, 0, 1))
 
 
 @dataclass(frozen=True)
@@ -212,7 +188,7 @@ class MatrixTransforms:
     def _apply(self, a: wp.array, result: wp.array, steps: list) -> None:
         source, target = a, self._scratch
         for axis, matrix in steps:
-            self._launcher.launch(_TRANSFORMS[axis], self._shape, matrix, source, target)
+            self._launcher.launch(_transform, self._shape, matrix, _UNITS[axis], source, target)
             source, target = target, self._scratch if target is result else result
         if source is not result:
             wp.copy(result, source)
