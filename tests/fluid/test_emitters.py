@@ -78,15 +78,25 @@ def test_cells_count_by_their_share(launcher):
     np.testing.assert_allclose(profile[3:11], [0, 0.5, 1, 1, 1, 1, 0.5, 0], atol=SHARE)
 
 
-RATES = [2.0, Samples([1.0, 2.0], [0.0, 4.0])]
+CHANGES = {
+    "constant": {"rate": 2.0},
+    "rising": {"rate": Samples([1.0, 2.0], [0.0, 4.0])},
+    "up and down": {"rate": Samples([1.0, 1.3, 2.0], [0.0, 4.0, 0.0])},
+    "on and off": {"rate": 4.0, "enabled": Samples([1.0, 1.2, 1.7], [False, True, False])},
+    "moving, on and off": {
+        "rate": 4.0,
+        "enabled": Samples([1.0, 1.2, 1.7], [False, True, False]),
+        "transform": Samples([1.0, 2.0], [_moved(0, 0, 0), _moved(0.5, 0.25, 0)]),
+    },
+}
 
 
-@pytest.mark.parametrize("rate", RATES, ids=["constant", "rising"])
+@pytest.mark.parametrize("changes", CHANGES.values(), ids=CHANGES)
 @pytest.mark.parametrize("steps", [1, 2, 7])
-def test_rate_adds_the_same_mass_for_any_number_of_steps(launcher, rate, steps):
-    """Mass = rate · dt · density · volume, whether the rate is constant or rises from 0 to twice its mean."""
+def test_rate_adds_the_same_mass_for_any_number_of_steps(launcher, changes, steps):
+    """Mass = mean rate · dt · density · volume, however the rate rises and falls or is switched within a step."""
     density = launcher.zeros((N, N, N), "test")
-    source = _source(launcher, rate=rate, density=3.0)
+    source = _source(launcher, density=3.0, **changes)
     times = np.linspace(1.0, 2.0, steps + 1)
     for start, end in pairwise(times):
         _emit_density(source, density, start, end, 0.5 / steps)
@@ -114,6 +124,16 @@ def test_moving_ball_adds_its_mass(launcher, radius, steps):
     a, b, c = (ball.points[ball.triangles[:, n]].astype(float) for n in range(3))
     volume = np.einsum("ni,ni", a, np.cross(b, c)) / 6
     assert density.numpy().sum(dtype=float) * H**3 == pytest.approx(2.0 * 0.5 * volume, rel=1e-4)
+
+
+@pytest.mark.parametrize("height", [0.0, 0.3 * H, 0.5 * H])
+def test_skin_of_a_sheet(launcher, height):
+    """A sheet across the domain, which has no inside, makes a layer of smoke one voxel thick, wherever it lies."""
+    density, sheet = launcher.zeros((N, N, N), "test"), Mesh.grid((-5, height, -5), (10, 0, 0), (0, 0, 10))
+    _emit_density(_source(launcher, mesh=sheet, source="surface"), density)
+    # Cells count behind planes of which no direction cosine is less than 1e-5.
+    np.testing.assert_allclose(density.numpy().sum(axis=1), 1.0, atol=1e-4)
+    assert np.count_nonzero(density.numpy().max(axis=(0, 2)) > 1e-4) == 1 + (height != 0.5 * H)
 
 
 def test_moving_emitter_leaves_no_gaps(launcher):

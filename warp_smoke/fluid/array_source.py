@@ -7,7 +7,7 @@ is there, velocities where the air is slower that way.
 import numpy as np
 import warp as wp
 
-from warp_smoke.fluid.emitters import Interval
+from warp_smoke.fluid.emitters import Interval, divide
 from warp_smoke.fluid.grid import Block, inner_faces, seam_faces, side_faces
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher, Rows
@@ -97,8 +97,9 @@ class ArraySource:
         return values
 
     def sweep(self, start: float, end: float, dt: float) -> list[Interval]:
-        """The step as one interval; arguments as for `Source.sweep`."""
-        return [Interval(start, end, dt)]
+        """The step, divided where the rate changes its course; arguments as for `Source.sweep`."""
+        emitter = self._emitter
+        return divide(start, end, dt, 1, () if emitter.rate is None else (emitter.rate, emitter.enabled))
 
     def place(self, interval: Interval) -> None:
         """Does nothing: arrays cover the domain."""

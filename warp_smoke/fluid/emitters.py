@@ -6,7 +6,7 @@ where the air is slower that way or moves the other way: what has become faster,
 rate · dt · density · f, with Σ f made the emitter's own volume: the mass is the same for any number of substeps.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise, product
 from math import ceil
 from typing import NamedTuple
@@ -21,7 +21,7 @@ from warp_smoke.fluid.voxelize import MeshVoxels
 from warp_smoke.geometry import Points
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher, Rows
-from warp_smoke.record import each_value, value_at
+from warp_smoke.record import Samples, each_value, value_at
 from warp_smoke.scene import Emitter
 
 wp.set_module_options({"enable_backward": False})
@@ -147,10 +147,29 @@ class Interval(NamedTuple):
         return 0.5 * (self.start + self.end)
 
 
+def divide(start: float, end: float, dt: float, parts: int, changing: Iterable[object] = ()) -> list[Interval]:
+    """Divides a step into equal parts, and these where a value changes its course: there its mean is no longer known.
+
+    Args:
+        start: time code.
+        end: time code.
+        dt: seconds of smoke between them [s].
+        parts: how many.
+        changing: values, or `Samples` of them.
+    """
+    times = np.linspace(start, end, parts + 1)
+    samples = [each.times for each in changing if isinstance(each, Samples)]
+    turns = [time for each in samples for time in each if start < time < end]
+    if not turns:
+        return [Interval(*ends, dt / parts) for ends in pairwise(times.tolist())]
+    return [Interval(a, b, dt * (b - a) / (end - start)) for a, b in pairwise(np.union1d(times, turns).tolist())]
+
+
 class Source:
     """One emitter at work in a domain.
 
-    Held values are those at the end of an interval; a rate, and whether its emitter is on, those in its middle.
+    Held values are those at the end of an interval; a rate, and whether its emitter is on, those in its middle, which
+    is their mean.
 
     Attributes:
         pushes: whether it gives the air a velocity.
@@ -165,8 +184,12 @@ class Source:
             emitter: what emits.
         """
         self._launcher, self._lattice, self._emitter = launcher, lattice, emitter
-        voxels = PointVoxels if isinstance(emitter.mesh, Points) else MeshVoxels
-        self._voxels = voxels(launcher, lattice, emitter, "emitters")
+        if isinstance(emitter.mesh, Points):
+            self._voxels = PointVoxels(launcher, lattice, emitter, "emitters")
+        else:
+            # The skin of a sheet, which has no inside, is half a voxel on both sides of it.
+            margin = 0.5 if emitter.source == "surface" and not emitter.mesh.is_closed else 0.0
+            self._voxels = MeshVoxels(launcher, lattice, emitter, "emitters", margin)
         self._share = EmitterShare(launcher, lattice, emitter, self._voxels) if emitter.is_partial else None
         self._inherits = self._voxels.moves and emitter.inherit_velocity != 0.0
         self.pushes = self._inherits or bool(np.any(each_value(emitter.velocity)))
@@ -179,12 +202,11 @@ class Source:
             end: time code.
             dt: seconds of smoke between them [s].
         """
-        parts = 1
+        parts, emitter = 1, self._emitter
         if self._voxels.moves:
             # More would only help an emitter that is in the domain for a small part of its way.
             parts = min(max(1, ceil(self._voxels.travel(start, end))), 2 * sum(self._lattice.shape))
-        times = np.linspace(start, end, parts + 1)
-        return [Interval(*times, dt / parts) for times in pairwise(times.tolist())]
+        return divide(start, end, dt, parts, () if emitter.rate is None else (emitter.rate, emitter.enabled))
 
     def place(self, interval: Interval) -> None:
         """Moves the emitter to where it is at the end of an interval."""
