@@ -11,8 +11,10 @@ def main() -> None:
     numbers = [each for each in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(each) != signal.SIG_IGN]
     for number in numbers:
         signal.signal(number, _stop)
+    gc.disable()  # while all is loaded, which stays
     from warp_smoke.cli import main
 
+    gc.enable()
     try:
         main()
     finally:
