@@ -33,10 +33,11 @@ def _picture(path, folder, frame):
 
 
 def _without_smoke(results, frame, open_plotter):
-    """The same stage drawn twice by one plotter: with its smoke and without."""
+    """The same stage drawn twice by one plotter, before magenta: with its smoke and without."""
     stage = PreviewStage(results)
     plotter = open_plotter(SIZE)
     view = StageView(stage, plotter, 1.0)
+    plotter.set_background("magenta")  # which no smoke is
     whole = stage.load(frame)
     bare = type(whole)(whole.number, (None,) * len(whole.smoke), whole.pictures, whole.colors)
     pictures = []

@@ -37,6 +37,21 @@ def test_opacity_is_that_of_the_smoke_passed(open_plotter, cells, step, turn, de
     assert seen == pytest.approx(255 * (1 - np.exp(-depth * code / 255)), abs=TOLERANCE)
 
 
+@pytest.mark.parametrize("depth", [3.0, 4.5, 30.0])
+def test_a_ray_that_ends_early_misses_little(open_plotter, depth):
+    """Before a white wall no pixel is further from 1 − e^(−τ) than what a ray leaves out at its end: 0.02 · 255."""
+    plotter = open_plotter((40, 40))
+    plotter.set_background("white")
+    black = _slab((33, 33, 33), depth, 0.0)
+    black.rgba[..., :3] = 0
+    SmokeActor(plotter, 2.0).show(black)
+    plotter.camera.parallel_projection = True
+    plotter.camera_position = [(0, 0, 4), (0, 0, 0), (0, 1, 0)]
+    plotter.camera.parallel_scale = 0.3
+    seen = plotter.screenshot(None, return_img=True)[5:35, 5:35].astype(float)
+    assert np.abs(seen - 255 * np.exp(-depth)).max() <= 0.02 * 255 + TOLERANCE
+
+
 def test_smoke_that_ends_is_no_longer_drawn(open_plotter):
     """None draws nothing, and smoke after it is drawn again."""
     plotter = open_plotter((40, 40))

@@ -79,7 +79,8 @@ class StageView:
         self._lower, self._upper = self._bounds()
         self._marks: list[pv.Actor] = []
         self.follows_camera = stage.scene.camera is not None
-        self._lights_change = any(map(_changes, (*stage.lights, *stage.scene.emitters)))
+        marked = stage.lights if stage.has_results else (*stage.lights, *stage.scene.emitters)
+        self._lights_change = any(map(_changes, marked))
         self._look(start)
         if not (drawn or stage.volumes or stage.scene.domains or stage.scene.emitters or stage.scene.lights):
             plotter.add_text(EMPTY, position=(0.02, 0.5), viewport=True, color=TEXT_COLOR, font_size=14, render=False)
