@@ -18,7 +18,7 @@ from warp_smoke.fluid.unlimited import UNLIMITED_SCHEMES
 from warp_smoke.launch import Launcher
 from warp_smoke.study.answers import cosine_hill, deformation
 from warp_smoke.study.case import Case, Measured, Row, fit_orders, time_steps
-from warp_smoke.study.words import best_at, by_problem, duration, percent
+from warp_smoke.study.words import best_at, by_problem, duration, number, percent
 
 TITLE = "Carrying smoke along: advection schemes"
 MAIN_ERROR = "relative_l2"
@@ -208,7 +208,7 @@ def explain(rows: Sequence[Row]) -> str:
         f"{2 ** slopes[flat]:.1f}; {fastest} is the first to reach {percent(target)} ({duration(times[fastest])})"
     )
     if lowest < -_ROUND_OFF:
-        says += f"; without limits there is negative smoke, down to {lowest:.2g}"
+        says += f"; without limits there is negative smoke, down to {number(lowest, '.2g')}"
     swept = [row for row in problems.get(STEPS, []) if row.method == flat]
     if len(swept) > 1:
         short, long = (pick(swept, key=lambda row: row.parameters["courant"]) for pick in (min, max))

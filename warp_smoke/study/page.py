@@ -11,8 +11,8 @@ from warp_smoke.study.plot import DARK, LIGHT, draw_diagram, picture
 from warp_smoke.study.summary import effect_costs, never_worth, order_lines, pass_times
 from warp_smoke.study.words import duration, percent
 
-# A letter of a diagram is then about as large as one of the tables.
-_REM_PER_INCH = 5.6
+# A letter of a diagram is then about as large as one of the tables; it may become smaller by so much.
+_REM_PER_INCH, _LEAST_SIZE = 5.6, 0.8
 
 _PAGE = Template("""<!DOCTYPE html>
 <html lang="en">
@@ -32,9 +32,9 @@ _PAGE = Template("""<!DOCTYPE html>
   h2 { font-size: 1.35rem; margin: 3.2rem 0 .4rem; padding-top: 1.2rem; border-top: 1px solid var(--line); }
   h3 { font-size: 1.05rem; margin: 2rem 0 .4rem; }
   p, ul { max-width: 48rem; }
-  nav a { margin-right: 1.1em; }
+  nav a { display: inline-block; margin-right: 1.1em; }
   a { color: inherit; }
-  img { display: block; width: 100%; height: auto; margin: 1.2rem 0; }
+  img { display: block; height: auto; margin: 1.2rem 0; }
   .soft { color: var(--soft); font-size: .9rem; }
   .bad { color: var(--bad); }
   details { margin: .8rem 0; }
@@ -136,14 +136,14 @@ def _name(row: Row) -> str:
 
 
 def _diagram(suite: Suite, rows: Sequence[Row]) -> str:
-    """The diagram in light and dark, as wide as its letters ask for."""
+    """The diagram in light and dark, as wide as its letters ask for; on a narrow screen it is moved sideways."""
     light, dark = (draw_diagram(suite, rows, theme) for theme in (LIGHT, DARK))
     width = light.get_figwidth() * _REM_PER_INCH
     sources = ["data:image/svg+xml;base64," + b64encode(picture(figure, "svg")).decode() for figure in (light, dark)]
     return (
-        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{sources[1]}">'
-        f'<img style="max-width: {width:.1f}rem" alt="Error against time: {escape(suite.TITLE)}" src="{sources[0]}">'
-        "</picture>"
+        f'<div class="scroll"><picture><source media="(prefers-color-scheme: dark)" srcset="{sources[1]}">'
+        f'<img style="width: clamp({_LEAST_SIZE * width:.1f}rem, 100%, {width:.1f}rem)" '
+        f'alt="Error against time: {escape(suite.TITLE)}" src="{sources[0]}"></picture></div>'
     )
 
 

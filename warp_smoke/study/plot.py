@@ -24,6 +24,8 @@ _POINTS_PER_INCH = 72
 _LABEL_SIZE = 7
 # Letters of an axis' label in a line; lines in a panel up to which all points are labelled, not only the front's.
 _LABEL_LETTERS, _MOST_LABELLED = 44, 8
+# Ticks of each decade on axes of fewer decades than this.
+_TICKS = ((0.5, (1, 1.5, 2, 3, 4, 5, 6, 8)), (1.0, (1, 2, 3, 5, 7)), (2.0, (1, 2, 5)), (np.inf, (1,)))
 # Where a label may stand around its point: directions, best first, and distances [points].
 _DIRECTIONS = ((1, 1), (1, -1), (-1, 1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0))
 _DISTANCES = (5.0, 9.0, 14.0)
@@ -162,7 +164,8 @@ def _draw_panel(axes: Axes, suite: Suite, rows: Sequence[Row], styles: dict, the
         color=theme.ink,
         loc="left",
     )
-    axes.set_xlabel(getattr(suite, "TIME_MEANS", "time of a run"), fontsize=8, color=theme.ink)
+    beside = f"  (beside the points: {', '.join(name.replace('_', ' ') for name in names)})" if names else ""
+    axes.set_xlabel(getattr(suite, "TIME_MEANS", "time of a run") + beside, fontsize=8, color=theme.ink)
     axes.set_ylabel(fill(means, _LABEL_LETTERS), fontsize=8, color=theme.ink)
     _dress(axes, theme)
     if not valid:
@@ -188,6 +191,8 @@ def _draw_panel(axes: Axes, suite: Suite, rows: Sequence[Row], styles: dict, the
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.11)
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom * (bottom / top) ** 0.06, top)  # room for the arrow
     _set_ticks(axes)
     axes.annotate(
         "better",
@@ -200,12 +205,6 @@ def _draw_panel(axes: Axes, suite: Suite, rows: Sequence[Row], styles: dict, the
         alpha=0.7,
         arrowprops={"arrowstyle": "->", "color": theme.ink, "alpha": 0.7, "lw": 0.8},
     )
-    if names:
-        points_at = ", ".join(name.replace("_", " ") for name in names)
-        axes.text(
-            1.0, 1.012, f"at the points: {points_at}", transform=axes.transAxes, ha="right", va="bottom", fontsize=7,
-            color=theme.ink, alpha=0.75,
-        )  # fmt: skip
     return labels
 
 
@@ -221,11 +220,12 @@ def _dress(axes: Axes, theme: Theme) -> None:
 
 
 def _set_ticks(axes: Axes) -> None:
-    """Decades; also 2 and 5 of each where there are few decades."""
+    """Decades; the fewer there are, the more of what lies between them."""
     formats = (EngFormatter(unit="s", sep="\N{NO-BREAK SPACE}"), FuncFormatter(lambda value, _: f"{value:g}"))
     for axis, limits, text in zip((axes.xaxis, axes.yaxis), (axes.get_xlim(), axes.get_ylim()), formats, strict=True):
-        few = np.log10(limits[1] / limits[0]) < 2
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=12))
+        decades = np.log10(limits[1] / limits[0])
+        between = next(steps for most, steps in _TICKS if decades < most)
+        axis.set_major_locator(LogLocator(subs=between, numticks=12))
         axis.set_major_formatter(text)
         axis.set_minor_formatter(NullFormatter())
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from warp_smoke.study.case import Row, Suite, panel_error
 from warp_smoke.study.front import pareto_front
-from warp_smoke.study.words import by_problem
+from warp_smoke.study.words import by_problem, number
 
 # Passes that take less than this share of a frame are left out.
 _LEAST_SHARE = 0.01
@@ -59,5 +59,5 @@ def order_lines(suite: Suite, rows: Sequence[Row]) -> list[str]:
     """The fitted orders, a line for each problem."""
     lines: dict[str, list[str]] = {}
     for (problem, method), slope in suite.order([row for row in rows if row.failure is None]).items():
-        lines.setdefault(problem, []).append(f"{method} {slope:.2f}")
+        lines.setdefault(problem, []).append(f"{method} {number(slope, '.2f')}")
     return [f"{problem}: {' · '.join(found)}" for problem, found in lines.items()]

@@ -52,6 +52,11 @@ def _descending(points: Sequence[Row], error: str) -> list[tuple[float, float]]:
     return kept
 
 
+def number(value: float, form: str) -> str:
+    """A number in a format, with a minus sign."""
+    return format(value, form).replace("-", "\N{MINUS SIGN}")
+
+
 def percent(share: float) -> str:
     """A share in two digits, in percent where that reads well, with its sign."""
     size, sign = abs(share), "−" if share < 0 else ""
