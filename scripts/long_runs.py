@@ -47,7 +47,7 @@ def guard_share(scene: ws.Scene) -> float:
         simulation.step()
         frames.append(perf_counter() - began)
         began = perf_counter()
-        simulation.solver()._check_scalars()
+        simulation.solver()._guard.check_scalars()
         checks.append(perf_counter() - began)
     return median(checks) / median(frames)
 

@@ -1,9 +1,27 @@
 """What is said when a field is not finite; that it is not shows in measures that each step takes anyway."""
 
 from collections.abc import Sequence
+from math import ceil, isfinite
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
+
+from warp_smoke.fluid.measures import Measures
+from warp_smoke.fluid.state import SmokeState
+from warp_smoke.timing import Timings
+
+if TYPE_CHECKING:
+    from warp_smoke.plan import DomainPlan
+
+# Passes that write velocity before the pressure, and scalars after that, in their order.
+_FORCES = ("emit_velocity", "confine_vorticity", "add_buoyancy", "stir_air", "on_substep", "diffuse_velocity")
+_LAST = {
+    "density": ("emit_density", "advect_density", "diffuse_density", "dissipate_density"),
+    "temperature": ("emit_temperature", "advect_temperature", "diffuse_temperature", "cool_temperature"),
+}
+# Time codes this much beyond a frame are still that frame.
+_ROUND_OFF = 1e-5
 
 
 class NotFiniteError(FloatingPointError):
@@ -39,3 +57,88 @@ class NotFiniteError(FloatingPointError):
         super().__init__(f"{path}: {field} is {value:g} {place} at frame {frame}, after {after}")
         self.path, self.field, self.frame, self.after = path, field, frame, after
         self.index = (number, *cell) if len(values) == 3 else cell
+
+
+class Guard:
+    """Measures the fields of one domain, and stops at what is not finite.
+
+    Attributes:
+        measures: of the lattice; None where no air moves.
+        time: time code that is worked towards.
+        interferes: whether a script has changed the velocity among the forces.
+        density, temperature: how far they departed from ambient at most when they were checked last.
+    """
+
+    def __init__(
+        self,
+        plan: "DomainPlan",
+        timings: Timings,
+        state: SmokeState,
+        measures: Measures | None,
+        divergence: wp.array | None,
+    ):
+        """Takes note of what runs.
+
+        Args:
+            plan: the domain and what runs in it.
+            timings: takes the time that measuring takes.
+            state: of the smoke.
+            measures: of the lattice; None where no air moves.
+            divergence: of the velocity before each projection; likewise.
+        """
+        self._divergence = divergence
+        self._domain, self._passes, self._timings, self._state = plan.domain, frozenset(plan.passes), timings, state
+        self.measures, self.time, self.interferes = measures, 0.0, False
+        self.density = self.temperature = 0.0
+
+    def motion(self, after: str) -> tuple[float, float]:
+        """Largest speed [m/s] and kinetic energy [m²/s²].
+
+        Args:
+            after: the last pass that wrote the velocity.
+
+        Raises:
+            NotFiniteError: the velocity is not finite.
+        """
+        with self._timings.measure("measure_motion"):
+            speed, energy = self.measures.motion(self._state.velocity)
+        if not isfinite(energy):
+            fields = self._state.velocity
+            # The pressure spreads what is not finite; the divergence shows where it was before.
+            if after == "project_pressure" and not np.isfinite(self._divergence.numpy()).all():
+                fields, after = [self._divergence], self._last_force()
+            raise NotFiniteError(self._domain.path, "velocity", fields, self._frame, after)
+        return speed, energy
+
+    def _last_force(self) -> str:
+        """The pass that wrote the velocity last before the projection."""
+        acting = [each for each in _FORCES if each in self._passes or (each == "on_substep" and self.interferes)]
+        return acting[-1] if acting else "advect_velocity"
+
+    def check_scalars(self, after: str | None = None) -> None:
+        """Measures how far density and temperature depart from ambient at most.
+
+        Args:
+            after: what wrote them; the last pass that does unless given.
+
+        Raises:
+            NotFiniteError: one of them is not finite.
+        """
+        self.density = self._departure("density", 0.0, after)
+        self.temperature = self._departure("temperature", self._domain.ambient_temperature, after)
+
+    def _departure(self, name: str, ambient: float, after: str | None) -> float:
+        scalar = getattr(self._state, name)
+        if scalar is None:
+            return 0.0
+        with self._timings.measure("measure_motion"):
+            departure = self.measures.departure(scalar, ambient) if self.measures else np.abs(scalar.numpy()).max()
+        if not isfinite(departure):
+            last = [each for each in _LAST[name] if each in self._passes][-1]
+            raise NotFiniteError(self._domain.path, name, [scalar], self._frame, after or last)
+        return float(departure)
+
+    @property
+    def _frame(self) -> int:
+        """The frame that is made."""
+        return ceil(self.time - _ROUND_OFF)

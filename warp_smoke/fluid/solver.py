@@ -6,56 +6,33 @@ forces, diffuses the velocity and projects it, carries all fields along it, and 
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from math import ceil, inf, isfinite, sqrt
+from math import ceil, inf, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 
-from warp_smoke.fluid.active_box import FAST, fit_boxes, typical_amounts
-from warp_smoke.fluid.advection import limit_energy
 from warp_smoke.fluid.array_source import ArraySource
+from warp_smoke.fluid.body_forces import BodyForces
 from warp_smoke.fluid.colliders import Solids, empty_solids
 from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffuse_scalar, diffusion_number
 from warp_smoke.fluid.dissipation import decay
 from warp_smoke.fluid.emitters import Interval, Source
-from warp_smoke.fluid.forces import Buoyancy
-from warp_smoke.fluid.grid import hull
-from warp_smoke.fluid.guard import NotFiniteError
+from warp_smoke.fluid.guard import Guard
 from warp_smoke.fluid.measures import Measures
-from warp_smoke.fluid.operators import (
-    close_sides,
-    measure_divergence,
-    measure_fluid_divergence,
-    subtract_fluid_gradient,
-    subtract_gradient,
-)
-from warp_smoke.fluid.periodic_advection import MOST_COURANT, PaddedSolids, PeriodicAdvection, advection_halo
-from warp_smoke.fluid.pressure import PRESSURE_SOLVERS, PressureProblem, PressureStatus
-from warp_smoke.fluid.schemes import ADVECTION_SCHEMES
+from warp_smoke.fluid.periodic_advection import PaddedSolids, advection_halo
+from warp_smoke.fluid.pressure import PressureStatus
+from warp_smoke.fluid.projection import PressureProjection
 from warp_smoke.fluid.solid_boundary import SolidBoundary
 from warp_smoke.fluid.state import make_state
 from warp_smoke.fluid.step_report import StepReport, join_reports
-from warp_smoke.fluid.turbulence import PEAK, Turbulence
-from warp_smoke.fluid.vorticity import VorticityConfinement
-from warp_smoke.fluid.wind import Wind
+from warp_smoke.fluid.transport import MAX_PARTS, ROUND_OFF, Transport
 from warp_smoke.launch import Launcher
 from warp_smoke.scene import ArrayEmitter
 from warp_smoke.timing import Timings
 
 if TYPE_CHECKING:
     from warp_smoke.plan import DomainPlan
-
-# With more steps in a frame than this, the Courant number may exceed the domain's limit: the smoke stays stable.
-_MAX_STEPS = 1000
-# A Courant number that exceeds the limit by round-off is not worth another step.
-_ROUND_OFF = 1e-5
-# Passes that write velocity before the pressure, and scalars after that, in their order.
-_FORCES = ("emit_velocity", "confine_vorticity", "add_buoyancy", "stir_air", "on_substep", "diffuse_velocity")
-_LAST = {
-    "density": ("emit_density", "advect_density", "diffuse_density", "dissipate_density"),
-    "temperature": ("emit_temperature", "advect_temperature", "diffuse_temperature", "cool_temperature"),
-}
 
 
 class SmokeSolver:
@@ -79,7 +56,6 @@ class SmokeSolver:
         self._launcher, self._timings, self._passes = launcher, timings, frozenset(plan.passes)
         self._domain, self._lattice = plan.domain, plan.lattice
         self.on_substep: Callable[[SmokeSolver, float, float], None] | None = None
-        self._time = 0.0  # time code that is worked towards
         shape, sides = plan.lattice.shape, plan.lattice.sides
         self._sources = [
             (ArraySource if isinstance(each, ArrayEmitter) else Source)(launcher, plan.lattice, each)
@@ -90,29 +66,15 @@ class SmokeSolver:
         halo = advection_halo(launcher, shape, sides, plan.domain.max_courant) if self._has("advect_density") else None
         solids = PaddedSolids(self.solids, halo) if self.solids and halo else self.solids
         self._boundary = SolidBoundary(launcher, solids) if solids else None
-        self._flows = self._has("project_pressure")
+        self._flows, measures, divergence = self._has("project_pressure"), None, None
         if self._flows:
-            problem = PressureProblem(shape=shape, sides=sides, solids=self.solids, tolerance=plan.pressure_tolerance)
-            self._pressure_solver = PRESSURE_SOLVERS[plan.pressure_solver](launcher, problem)
-            self._divergence = launcher.zeros(shape, "divergence")
-            scheme = ADVECTION_SCHEMES[plan.advection]
-            if halo:
-                self._advection = PeriodicAdvection(launcher, scheme, sides, halo, self._boundary)
-            else:
-                self._advection = scheme(launcher, shape, sides, self._boundary)
-            self._measures = Measures(launcher, shape)
-        if self._has("fit_active_box"):
-            self._density, self._heat = typical_amounts(plan.emitters, plan.domain.ambient_temperature)
-        windy = self._has("blow_wind") and any(plan.domain.wind)
-        self._wind = Wind(launcher, plan.lattice, plan.domain.wind) if windy else None
-        if self._has("add_buoyancy"):
-            self._buoyancy = Buoyancy(launcher, shape, sides, plan.lattice.up)
-        self._turbulence, strength = None, plan.domain.turbulence
-        if self._has("stir_air") and strength:
-            self._turbulence = Turbulence(launcher, plan.lattice, strength, plan.domain.turbulence_scale)
-        if self._has("confine_vorticity"):
-            self._confinement = VorticityConfinement(launcher, shape, sides, plan.lattice.h, self._measures)
-
+            measures = Measures(launcher, shape)
+            self._forces = BodyForces(launcher, plan, timings, measures)
+            self._projection = PressureProjection(launcher, plan, self.solids)
+            divergence = self._projection.divergence
+        self._guard = Guard(plan, timings, self.state, measures, divergence)
+        if self._flows:
+            self._transport = Transport(launcher, plan, timings, self._guard, halo, self._boundary, self.solids)
         spreads = self._has("diffuse_density") or self._has("diffuse_temperature")
         diffusing = (0, 1, 2) * self._has("diffuse_velocity") + (None,) * spreads
         if diffusing:
@@ -130,11 +92,11 @@ class SmokeSolver:
         Args:
             time: time code.
         """
-        self._time = time
+        self._guard.time = time
         self._place_colliders(time, time, 0.0)
-        if self._wind:
+        if self._flows and self._transport.wind:
             with self._timings.measure("blow_wind"):
-                self._wind.fill(self.state.velocity)
+                self._transport.wind.fill(self.state.velocity)
             self._project_pressure()
         self._emit(time, time, 0.0)
         if self.solids:
@@ -153,16 +115,16 @@ class SmokeSolver:
         Raises:
             NotFiniteError: a field is not finite.
         """
-        self._time = end
-        self._check_scalars(f"frame {start:g}")
+        self._guard.time = end
+        self._guard.check_scalars(f"frame {start:g}")
         if not self._flows:
             return self.step(start, end, seconds)
         reports, left = [], 0
-        speed, _ = self._motion(f"frame {start:g}")
+        speed, _ = self._guard.motion(f"frame {start:g}")
         while left != 1:
             if self.solids:  # a wall must not jump far, though the air may still be at rest
                 speed = max(speed, self.solids.max_speed(start, end, seconds))
-            left = max(1, min(self._count_steps(seconds, speed), _MAX_STEPS - len(reports)))
+            left = max(1, min(self._count_steps(seconds, speed), MAX_PARTS - len(reports)))
             dt, reached = seconds / left, start + (end - start) / left
             reports.append(self.step(start, reached, dt))
             start, seconds, speed = reached, seconds - dt, reports[-1].speed
@@ -199,78 +161,26 @@ class SmokeSolver:
             NotFiniteError: a field is not finite.
         """
         report = StepReport()
-        self._time = end
+        self._guard.time = end
         self._place_colliders(start, end, dt)
         self._emit(start, end, dt)
-        confinement = self._confine_vorticity(dt)  # before buoyancy moves faces of solids: its cap counts them
-        self._add_buoyancy(dt)
-        self._stir_air(start, end, dt)
-        if self.on_substep:
-            with self._timings.measure("on_substep"):
-                self.on_substep(self, end, dt)
+        confinement = self._add_forces(start, end, dt)
         if self._flows:
             diffusion = self._diffuse_velocity(dt)
             pressure = self._project_pressure()
-            courant, speed = self._advect(dt)
+            courant, speed = self._transport.advect(self.state, dt)
             report = StepReport(1, courant, speed, [pressure], confinement, diffusion)
         diffusion = self._diffuse_scalars(dt)
         self._dissipate(dt)
-        self._check_scalars()
+        self._guard.check_scalars()
         return replace(report, diffusion=max(report.diffusion, diffusion))
 
     def _count_steps(self, seconds: float, speed: float) -> int:
         """Steps that keep (max|u| + a dt) dt within the limit, a the largest acceleration by forces."""
-        domain, acceleration = self._domain, 0.0
-        if self._has("add_buoyancy"):
-            acceleration = abs(domain.buoyancy_density) * self._departures["density"]
-            acceleration += abs(domain.buoyancy_temperature) * self._departures["temperature"]
-        reach = domain.max_courant * self._lattice.h  # how far smoke may go in a step [m]
-        if self._turbulence:
-            acceleration += PEAK * domain.turbulence
+        acceleration = self._forces.acceleration(self._guard.density, self._guard.temperature)
+        reach = self._domain.max_courant * self._lattice.h  # how far smoke may go in a step [m]
         steps = seconds * (speed + sqrt(speed * speed + 4.0 * acceleration * reach)) / (2.0 * reach)
-        return ceil(min(steps, _MAX_STEPS) * (1.0 - _ROUND_OFF))
-
-    def _motion(self, name: str) -> tuple[float, float]:
-        """Largest speed [m/s] and kinetic energy [m²/s²] after the pass `name`."""
-        with self._timings.measure("measure_motion"):
-            speed, energy = self._measures.motion(self.state.velocity)
-        if not isfinite(energy):
-            self._refuse_velocity(name)
-        return speed, energy
-
-    def _check_scalars(self, after: str | None = None) -> None:
-        """Measures how far density and temperature depart from ambient at most.
-
-        Args:
-            after: what wrote them; the last pass that does unless given.
-
-        Raises:
-            NotFiniteError: one of them is not finite.
-        """
-        self._departures = {"density": 0.0, "temperature": 0.0}
-        for name, ambient in (("density", 0.0), ("temperature", self._domain.ambient_temperature)):
-            scalar = getattr(self.state, name)
-            if scalar is None:
-                continue
-            with self._timings.measure("measure_motion"):
-                departure = self._measures.departure(scalar, ambient) if self._flows else np.abs(scalar.numpy()).max()
-            if not isfinite(departure):
-                last = [each for each in _LAST[name] if self._has(each)][-1]
-                raise NotFiniteError(self._domain.path, name, [scalar], self._frame, after or last)
-            self._departures[name] = float(departure)
-
-    def _refuse_velocity(self, after: str) -> None:
-        """Says where velocity is not finite. The pressure spreads that; the divergence shows where it was before."""
-        fields = self.state.velocity
-        if after == "project_pressure" and not np.isfinite(self._divergence.numpy()).all():
-            acting = [each for each in _FORCES if self._has(each) or (each == "on_substep" and self.on_substep)]
-            fields, after = [self._divergence], acting[-1] if acting else "advect_velocity"
-        raise NotFiniteError(self._domain.path, "velocity", fields, self._frame, after)
-
-    @property
-    def _frame(self) -> int:
-        """The frame that is made."""
-        return ceil(self._time - _ROUND_OFF)
+        return ceil(min(steps, MAX_PARTS) * (1.0 - ROUND_OFF))
 
     def _place_colliders(self, start: float, end: float, dt: float) -> None:
         if self.solids:
@@ -291,28 +201,14 @@ class SmokeSolver:
                     with self._timings.measure("emit_velocity"):
                         source.emit_velocity(interval, state.velocity)
 
-    def _confine_vorticity(self, dt: float) -> float:
+    def _add_forces(self, start: float, end: float, dt: float) -> float:
         """Returns the share of the confinement that its cap let through."""
-        if not self._has("confine_vorticity"):
-            return 1.0
-        with self._timings.measure("confine_vorticity"):
-            return self._confinement.add(self.state.velocity, self._domain.vorticity, dt, self.state.energy_lost)
-
-    def _add_buoyancy(self, dt: float) -> None:
-        if not self._has("add_buoyancy"):
-            return
-        domain, state = self._domain, self.state
-        with self._timings.measure("add_buoyancy"):
-            if domain.buoyancy_density:
-                self._buoyancy.add(state.density, 0.0, -domain.buoyancy_density * dt, state.velocity)
-            if domain.buoyancy_temperature and state.temperature is not None:
-                strength = domain.buoyancy_temperature * dt
-                self._buoyancy.add(state.temperature, domain.ambient_temperature, strength, state.velocity)
-
-    def _stir_air(self, start: float, end: float, dt: float) -> None:
-        if self._turbulence:
-            with self._timings.measure("stir_air"):
-                self._turbulence.add(self.state.velocity, end * dt / (end - start), dt)
+        share = self._forces.add(self.state, start, end, dt) if self._flows else 1.0
+        if self.on_substep:
+            self._guard.interferes = True
+            with self._timings.measure("on_substep"):
+                self.on_substep(self, end, dt)
+        return share
 
     def _diffuse_velocity(self, dt: float) -> float:
         """Returns the bound on the error of diffusion."""
@@ -342,65 +238,8 @@ class SmokeSolver:
             return diffuse_scalar(self._launcher, self._diffusion, scalar, r, ambient, least)
 
     def _project_pressure(self) -> PressureStatus:
-        launcher, sides, divergence = self._launcher, self._lattice.sides, self._divergence
-        velocity, pressure = self.state.velocity, self.state.pressure
         with self._timings.measure("project_pressure"):
-            if self.solids:
-                self.solids.apply(velocity)
-                measure_fluid_divergence(launcher, velocity, self.solids, divergence)
-                status = self._pressure_solver.solve(divergence, pressure)
-                subtract_fluid_gradient(launcher, pressure, sides, self.solids, velocity)
-            else:
-                close_sides(launcher, sides, velocity)
-                measure_divergence(launcher, velocity, divergence)
-                status = self._pressure_solver.solve(divergence, pressure)
-                subtract_gradient(launcher, pressure, sides, velocity)
-        return status
-
-    def _advect(self, dt: float) -> tuple[float, float]:
-        """Carries all fields along the velocity; returns the Courant number, and the largest speed that is left."""
-        domain, state, advection, timings = self._domain, self.state, self._advection, self._timings
-        speed, energy = self._motion("project_pressure")
-        courant, wind = speed * dt / self._lattice.h, self._wind
-        limit = min(domain.max_courant, MOST_COURANT) if "periodic" in self._lattice.sides else domain.max_courant
-        parts = max(1, ceil(min(courant / limit, _MAX_STEPS) * (1.0 - _ROUND_OFF)))
-        self._fit_active_box(courant)
-        with timings.measure("advect_velocity"):
-            advection.trace(state.velocity, dt / parts / self._lattice.h, courant / parts)
-        for _ in range(parts):
-            with timings.measure("advect_velocity"):
-                state.velocity = advection.advect_velocity(state.velocity, wind.velocity if wind else None)
-            if wind:
-                with timings.measure("blow_wind"):
-                    wind.let_in(state.velocity)
-            with timings.measure("advect_density"):
-                state.density = advection.advect_scalar(state.density, 0.0)
-            if self._has("advect_temperature"):
-                with timings.measure("advect_temperature"):
-                    state.temperature = advection.advect_scalar(state.temperature, domain.ambient_temperature)
-        if self.solids:
-            with timings.measure("advect_velocity"):
-                self.solids.apply(state.velocity)
-        speed, left = self._motion("advect_velocity")
-        with timings.measure("advect_velocity"):
-            limit_energy(self._launcher, state.velocity, left, energy + (wind.energy_let_in(courant) if wind else 0.0))
-        state.energy_lost = max(0.0, energy - left)
-        return courant / parts, speed
-
-    def _fit_active_box(self, courant: float) -> None:
-        """Carries what moves, and nothing else; follows `_motion`."""
-        if not self._has("fit_active_box"):
-            return
-        state, measures = self.state, self._measures
-        with self._timings.measure("fit_active_box"):
-            fast = measures.fast_air(FAST)
-            smoke = measures.departed(state.density, 0.0, self._density)
-            if self._has("advect_temperature"):
-                heat = measures.departed(state.temperature, self._domain.ambient_temperature, self._heat)
-                smoke = hull((smoke, heat))
-            lattice = self._lattice
-            periodic = tuple(side == "periodic" for side in lattice.sides[0::2])
-            self._advection.activate(*fit_boxes(smoke, fast, courant, lattice.shape, periodic))
+            return self._projection.project(self.state)
 
     def _dissipate(self, dt: float) -> None:
         domain, state = self._domain, self.state
