@@ -28,28 +28,17 @@ READER = Path(__file__).parents[1] / "damage.py"
 @pytest.mark.parametrize(
     ("first", "end"), [pytest.param(0, 80, id="80"), pytest.param(80, 880, id="800", marks=pytest.mark.slow)]
 )
-def test_damaged_stages(tmp_path, suffix, first, end, record_property):
-    """80 (slow: 800) damaged copies of an example stage, as text and as binary: read, or refused in one line.
-
-    USD itself may crash or never finish on one binary copy in a hundred, before any of it can be looked at.
-    """
+def test_damaged_stages(tmp_path, suffix, first, end):
+    """80 (slow: 800) damaged copies of an example stage, as text and as binary: read, or refused in one line."""
     stage = tmp_path / f"stage{suffix}"
     shutil.copytree(STAGES / "textures", tmp_path / "textures")
     Sdf.Layer.FindOrOpen(str(STAGES / "plume.usda")).Export(str(stage))
-    results, fatal, seed = [], 0, first
-    while seed < end:
-        command = [sys.executable, READER, stage, tmp_path, str(seed), str(end)]
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
-        said = done.stdout.split("\n")
-        results += said
-        if done.returncode == 0:
-            break
-        begun = [line for line in said if line]
-        assert begun[-1].startswith("seed "), done.stderr[-2000:]  # else it is not USD that failed
-        fatal, seed = fatal + 1, int(begun[-1].removeprefix("seed ")) + 1
-    record_property(f"{suffix} copies that USD fails on", fatal)
-    assert "refused" in results
-    assert fatal <= (0.01 * (end - first) if suffix == ".usdc" else 0)
+    command = [sys.executable, READER, stage, tmp_path, str(first), str(end)]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
+    assert done.returncode == 0, done.stdout[-100:] + done.stderr[-2000:]
+    results = done.stdout.split()
+    assert results.count("refused") + results.count("taken") == end - first
+    assert results.count("refused")
 
 
 def check_picture(picture: Picture) -> None:

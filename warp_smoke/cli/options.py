@@ -29,6 +29,9 @@ class SceneOptions:
 
     def open(self, stage: Path) -> "warp_smoke.Scene":
         """The scene of a stage with these changes."""
+        from warp_smoke.usd.probe import check_readable  # loads USD, which --help does without
+
+        check_readable(stage)
         scene = warp_smoke.Scene.open(stage)
         if self.frames is not None:
             first, colon, last = self.frames.partition(":")

@@ -5,6 +5,7 @@ from pathlib import Path
 import warp_smoke
 from warp_smoke.cli.console import progress_bar, say_written
 from warp_smoke.cli.options import picture_size
+from warp_smoke.usd.find import find_stage
 
 
 def preview(
@@ -28,7 +29,10 @@ def preview(
         show: density, temperature or speed: a cut through the smoke by colour, with a bar, instead of its look.
         size: Width and height in pixels.
     """
+    from warp_smoke.usd.probe import check_readable
+
     pixels = picture_size(size)
+    check_readable(find_stage(path))
     with progress_bar() as bar:
         outputs = [file for file in (movie, html) if file is not None]
         task = bar.add_task("Drawing", total=None, visible=bool(outputs))

@@ -8,7 +8,9 @@ from cyclopts import Parameter
 
 import warp_smoke
 from warp_smoke.cli.console import say_written
+from warp_smoke.cli.load import load
 from warp_smoke.cli.options import DeviceOptions, picture_size
+from warp_smoke.usd.find import find_stage
 
 
 def render(
@@ -34,6 +36,10 @@ def render(
         shading: Light for each pixel, or for each vertex.
         device: Where it is computed.
     """
+    load("warp_smoke.picture", "warp_smoke.usd.own_look", "warp_smoke.usd.read_volume")
+    from warp_smoke.usd.probe import check_readable
+
+    check_readable(find_stage(path))
     options = {"quality": quality, "samples": samples, "shading": shading} | asdict(device)
     warp_smoke.render(path, output, frame=frame, size=picture_size(size), **options)
     say_written([output])

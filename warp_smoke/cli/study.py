@@ -34,6 +34,10 @@ def study(
         device: Where it is computed.
         as_json: Print disclosure, orders and rows as JSON.
     """
+    if stage is not None:
+        from warp_smoke.usd.probe import check_readable
+
+        check_readable(stage)
     with progress_bar() as bar:
         result = warp_smoke.study(stage, output, suites=suite, full=full, **asdict(device), on_row=say_rows(bar))
     if as_json:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from warp_smoke.cli.console import out
 from warp_smoke.cli.options import Json
+from warp_smoke.usd.find import find_stage
 
 
 def validate(path: Path, *, as_json: Json = False):
@@ -15,8 +16,10 @@ def validate(path: Path, *, as_json: Json = False):
         path: A USD stage or a folder written by `run`.
         as_json: Print the problems as JSON.
     """
+    from warp_smoke.usd.probe import check_readable
     from warp_smoke.usd.validate import validate_stage
 
+    check_readable(find_stage(path))
     problems = validate_stage(path)
     if as_json:
         print(json.dumps([asdict(problem) for problem in problems], indent=2, default=str))

@@ -1,0 +1,109 @@
+"""Stages that bring USD down: tried in a child process, refused in one line; sound ones pass, text is not tried."""
+
+import os
+import signal
+import struct
+import time
+from pathlib import Path
+
+import pytest
+from pxr import Sdf, Usd, UsdGeom
+
+from warp_smoke.usd import probe
+from warp_smoke.usd.probe import check_readable
+
+STAGES = Path(__file__).parents[2] / "stages"
+SECTIONS = ("TOKENS", "STRINGS", "FIELDS", "FIELDSETS", "PATHS", "SPECS")
+
+
+@pytest.fixture
+def binary(tmp_path):
+    """An example stage as a binary file."""
+    path = tmp_path / "stage.usdc"
+    Sdf.Layer.FindOrOpen(str(STAGES / "plume.usda")).Export(str(path))
+    return path
+
+
+def section_start(data: bytes, name: str) -> int:
+    """Where a section of a binary layer begins: after 16 bytes its header gives the place of a table of contents."""
+    (contents,) = struct.unpack_from("<q", data, 16)
+    (count,) = struct.unpack_from("<Q", data, contents)
+    for index in range(count):
+        found, start, _ = struct.unpack_from("<16sqq", data, contents + 8 + 32 * index)
+        if found.rstrip(b"\0") == name.encode():
+            return start
+    raise KeyError(name)
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_counts_beyond_all_bounds_are_refused(binary, section):
+    """A section said to have 2³⁰ entries, for which USD alone takes gigabytes: one line that names the file."""
+    data = bytearray(binary.read_bytes())
+    struct.pack_into("<Q", data, section_start(data, section), 2**30)
+    binary.write_bytes(data)
+    with pytest.raises(ValueError, match=r"stage\.usdc: not a USD stage: ") as refused:
+        check_readable(binary)
+    assert "\n" not in str(refused.value)
+
+
+def test_sound_stages_pass(binary, tmp_path):
+    """A binary stage, a text that names it, and a stage with moving points."""
+    check_readable(binary)
+    (tmp_path / "shot.usda").write_text("#usda 1.0\n(\n    subLayers = [@./stage.usdc@]\n)\n")
+    check_readable(tmp_path / "shot.usda")
+    stage = Usd.Stage.CreateNew(str(tmp_path / "moving.usdc"))
+    points = UsdGeom.Points.Define(stage, "/Points").GetPointsAttr()
+    for frame in range(5):
+        points.Set([(frame, 0, 0)], frame)
+    stage.Save()
+    check_readable(tmp_path / "moving.usdc")
+
+
+def test_a_damaged_layer_of_a_text_is_found(binary, tmp_path):
+    """The text that names it, through another one, is refused."""
+    data = bytearray(binary.read_bytes())
+    struct.pack_into("<Q", data, section_start(data, "PATHS"), 2**30)
+    binary.write_bytes(data)
+    (tmp_path / "set.usda").write_text('#usda 1.0\ndef "Set" (\n    references = @./stage.usdc@</World>\n)\n{\n}\n')
+    (tmp_path / "shot.usda").write_text("#usda 1.0\n(\n    subLayers = [@./set.usda@]\n)\n")
+    with pytest.raises(ValueError, match=r"shot\.usda: not a USD stage"):
+        check_readable(tmp_path / "shot.usda")
+
+
+def test_text_is_not_tried(monkeypatch, tmp_path):
+    """Nor is a stage of texts, a folder, or what is not there: no process is forked."""
+    monkeypatch.setattr(os, "fork", lambda: pytest.fail("forked"))
+    check_readable(STAGES / "plume.usda")
+    (tmp_path / "shot.usda").write_text(f"#usda 1.0\n(\n    subLayers = [@{STAGES}/plume.usda@, @./shot.usda@]\n)\n")
+    check_readable(tmp_path / "shot.usda")
+    check_readable(tmp_path)
+    check_readable(tmp_path / "none.usdc")
+
+
+def test_crashes_and_endless_loops_are_told(monkeypatch, binary):
+    """A child that a signal ends is told with it; one that goes on and on is ended."""
+    monkeypatch.setattr(probe, "_try", lambda path: signal.raise_signal(signal.SIGKILL))
+    with pytest.raises(ValueError, match=r"stage\.usdc: not a USD stage: it is damaged: USD crashes on it \(SIGKILL\)"):
+        check_readable(binary)
+
+    def loop(path):
+        while True:
+            pass
+
+    monkeypatch.setattr(probe, "_try", loop)
+    monkeypatch.setattr(probe, "_SECONDS", 0.1)
+    monkeypatch.setattr(probe, "_SECONDS_PER_BYTE", 0.0)
+    with pytest.raises(ValueError, match="USD does not come to its end in 0 s"):
+        check_readable(binary)
+
+
+def test_large_or_slow_files_are_left_to_the_reader(monkeypatch, binary):
+    """What takes long because there is much of it, or because the disk is slow, is not called damaged."""
+    monkeypatch.setattr(probe, "_try", lambda path: time.sleep(60.0))
+    monkeypatch.setattr(probe, "_WAIT", 0.1)
+    check_readable(binary)
+    assert probe._judge(11.0, 0, 2**27) == ""
+    assert probe._judge(11.0, 0, 10**6) is None
+    assert probe._judge(13.0, 0, 10**6).endswith("in 13 s")
+    assert probe._judge(1.0, 2**30, 10**6).endswith("1.0 GiB of memory for it")
+    assert probe._judge(1.0, 2**30, 10**7) is None
