@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from warp_smoke.geometry import normalized
-from warp_smoke.study import shading
+from warp_smoke.study import relief, shading
 from warp_smoke.study.measure import measure_case
 
 
@@ -57,7 +57,7 @@ def forward_differences(heights, width, height):
 
 def test_a_first_order_normal_map_is_caught(launcher, monkeypatch):
     """One-sided differences converge at order 1."""
-    monkeypatch.setattr(shading, "height_normals", forward_differences)
+    monkeypatch.setattr(relief, "height_normals", forward_differences)
     chosen = [case for case in shading.cases(full=False) if case.method == "from heights"]
     found = shading.unexpected([measure_case(launcher, case, 10.0) for case in chosen])
     assert len(found) == 1
@@ -66,7 +66,7 @@ def test_a_first_order_normal_map_is_caught(launcher, monkeypatch):
 
 def test_light_at_vertices_that_passes_for_pixels_is_caught(launcher, monkeypatch):
     """Interpolated light under the name of each pixel's is no nearer than light at each vertex."""
-    monkeypatch.setattr(shading, "_measure_pixels", shading._measure_vertices)
+    monkeypatch.setattr(shading, "measure_pixels", shading.measure_vertices)
     chosen = [case for case in shading.cases(full=False) if case.problem == shading.HIGHLIGHT]
     found = shading.unexpected([measure_case(launcher, case, 10.0) for case in chosen])
     assert any("no nearer than light at each vertex" in line for line in found)
@@ -74,8 +74,8 @@ def test_light_at_vertices_that_passes_for_pixels_is_caught(launcher, monkeypatc
 
 def test_marching_that_stops_at_once_is_caught(launcher, monkeypatch):
     """Offset parallax under the name of marched heights is off by more than a tenth of the shift."""
-    measure = shading._measure_parallax
-    monkeypatch.setattr(shading, "_measure_parallax", lambda _, *args: measure("offset", *args))
+    measure = shading.measure_parallax
+    monkeypatch.setattr(shading, "measure_parallax", lambda _, *args: measure("offset", *args))
     chosen = [case for case in shading.cases(full=False) if case.method == "occlusion"]
     found = shading.unexpected([measure_case(launcher, case, 10.0) for case in chosen])
     assert any("marched heights are within a tenth" in line for line in found)

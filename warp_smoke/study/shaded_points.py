@@ -14,6 +14,8 @@ from warp_smoke.shading.looks import Looks, make_looks
 from warp_smoke.shading.radiance import shade_light
 from warp_smoke.shading.surface_points import SurfaceDetail, SurfacePoints, allocate_detail, look_up_detail
 
+# How many points a measurement has.
+POINTS = 40_000
 _DARK = wp.vec3(0.0, 0.0, 0.0)
 
 

@@ -7,28 +7,20 @@ its time is divided by the smoke's cells, or by the texels where only a buffer i
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
-from warp_smoke.geometry import normalized
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher
-from warp_smoke.scene import DistantLight, Light, PointLight
+from warp_smoke.scene import DistantLight, Light
 from warp_smoke.shadow.diffusion import Diffusion
 from warp_smoke.shadow.methods import SMOKE_SHADOWS
 from warp_smoke.shadow.splats import SPLATS
 from warp_smoke.study.case import Case, Measured, Row, fit_orders, time_repeats
-from warp_smoke.study.light_answers import (
-    difference,
-    gaussian_depth,
-    implicit_step,
-    sphere_depth,
-    spread_gaussian,
-    variance,
-)
-from warp_smoke.study.smoke_plume import EXTINCTION, ORIGIN, RESOLUTION, at, plume_frame
+from warp_smoke.study.known_smoke import KNOWN_SMOKE
+from warp_smoke.study.light_answers import difference, implicit_step, spread_gaussian, variance
+from warp_smoke.study.smoke_plume import EXTINCTION, ORIGIN, RESOLUTION, plume_frame
 
 SUITE = "smoke_shadow"
 TITLE = "Shadows of smoke"
@@ -49,7 +41,6 @@ METHODS = {
 }
 _DIFFUSERS = ("paper", "sweeps", "exact")
 _DIFFUSION = 1.0  # r of the diffused plume
-_POINTS = 10_000
 # Of the spread Gaussian: variance and νt in a unit square.
 _VARIANCE, _SPREAD = 0.0064, 1.0 / 1024.0
 _SQUARES = 129
@@ -68,21 +59,10 @@ PANEL_ERRORS = {GAUSSIAN: (MAIN_ERROR, "relative L2 error of the buffer")} | {
 }
 
 
-class _Known(NamedTuple):
-    """Smoke whose optical depth is known: its extinction, the light, density on a lattice and τ at points behind."""
-
-    light: Light
-    extinction: float
-    lattice: Callable[[int], Lattice]
-    density: Callable[[Lattice], np.ndarray]
-    points: np.ndarray
-    depth: np.ndarray
-
-
 def cases(full: bool) -> list[Case]:
     """Closed forms and buffers on 16³ to 64³ cells (`full`: 128³), buffers of 24² to 96² texels (192²)."""
     found = []
-    for problem in ("Gaussian blob", "uniform sphere", "slab"):
+    for problem in KNOWN_SMOKE:
         for method in METHODS:
             for cells in (16, 32, 64, *[128] * full):
                 found.append(_case(problem, method, {}, cells, partial(_measure_known, problem, method, cells)))
@@ -117,78 +97,6 @@ def _plume_case(problem: str, name: str, fields: dict, size: int) -> Case:
     return _case(problem, name, {}, size, partial(_measure_plume, fields, size, {}))
 
 
-def _box(shape: tuple[int, int, int], voxel_size: float) -> Lattice:
-    """A lattice around the origin."""
-    to_world = np.eye(4)
-    to_world[3, :3] = -0.5 * voxel_size * np.asarray(shape)
-    return Lattice(
-        shape=shape,
-        voxel_size=voxel_size,
-        to_world=to_world,
-        meters_per_unit=1.0,
-        sides=("open",) * 6,
-        up=(0.0, 1.0, 0.0),
-    )
-
-
-def _cube(cells: int) -> Lattice:
-    return _box((cells, cells, cells), 2.0 / cells)
-
-
-def _centres(lattice: Lattice, offset: float | np.ndarray = 0.5) -> np.ndarray:
-    """World positions in all cells, [nx, ny, nz, 3]."""
-    matrix = lattice.cells_to_world()
-    return (np.stack(np.indices(lattice.shape), axis=-1) + offset) @ matrix[:3, :3] + matrix[3, :3]
-
-
-def _away(light: Light, points: np.ndarray) -> np.ndarray:
-    """Unit directions of the light's rays at points, [n, 3]."""
-    if isinstance(light, DistantLight):
-        return np.broadcast_to(light.direction_at(1.0), points.shape)
-    return normalized(points - light.position_at(1.0))
-
-
-def _distance_to_ray(points: np.ndarray, away: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    offset = centre - points
-    return np.linalg.norm(offset - np.sum(offset * away, axis=1)[:, None] * away, axis=1)
-
-
-def _known(problem: str) -> _Known:
-    rng = np.random.default_rng(0)
-    if problem == "slab":
-        light = PointLight(path="/Light", transform=at(0.3, 3.0, 0.1))
-        points = rng.uniform((-0.3, -0.8, -0.3), (0.3, -0.5, 0.3), (_POINTS, 3))
-        cosine = np.abs(_away(light, points)[:, 1])
-
-        def lattice(cells: int) -> Lattice:
-            return _box((cells, cells // 4, cells), 2.0 / cells)
-
-        return _Known(light, 2.0, lattice, lambda box: np.ones(box.shape), points, 2.0 * 0.5 / cosine)
-    points = rng.uniform(-0.6, 0.6, (_POINTS, 3))
-    if problem == "uniform sphere":
-        light, radius = PointLight(path="/Light", transform=at(0.5, 5.0, -1.0)), 0.7
-
-        def share_inside(box: Lattice) -> np.ndarray:
-            parts = (np.indices((4, 4, 4)).reshape(3, -1).T + 0.5) / 4.0
-            return np.mean([np.linalg.norm(_centres(box, part), axis=-1) < radius for part in parts], axis=0)
-
-        away = _away(light, points)
-        depth = sphere_depth(_distance_to_ray(points, away, np.zeros(3)), radius, 1.5)
-        return _Known(light, 1.5, _cube, share_inside, points + 4.0 * away, depth)
-    turn = np.eye(4)
-    turn[2, :3] = normalized(np.array([[-0.6, 1.0, 0.8]]))[0]
-    turn[0, :3] = normalized(np.cross([[0.0, 0.0, 1.0]], turn[2:3, :3]))[0]
-    turn[1, :3] = np.cross(turn[2, :3], turn[0, :3])
-    light, centre, width = DistantLight(path="/Light", transform=turn), np.array([0.1, -0.05, 0.08]), 0.2
-
-    def blob(box: Lattice) -> np.ndarray:
-        return np.exp(-0.5 * np.sum((_centres(box) - centre) ** 2, axis=-1) / width**2)
-
-    away = _away(light, points)
-    depth = gaussian_depth(_distance_to_ray(points, away, centre), width, 3.0)
-    return _Known(light, 3.0, _cube, blob, points + 4.0 * away, depth)
-
-
 def _look_up(
     launcher: Launcher,
     lattice: Lattice,
@@ -215,7 +123,7 @@ def _look_up(
 
 
 def _measure_known(problem: str, method: str, cells: int, launcher: Launcher, repeats: int) -> Measured:
-    known = _known(problem)
+    known = KNOWN_SMOKE[problem]()
     lattice, light = known.lattice(cells), replace(known.light, **METHODS[method])
     density = known.density(lattice)
     args = (launcher, lattice, light, known.extinction, density, known.points, repeats, {})
