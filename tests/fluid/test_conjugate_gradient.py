@@ -77,8 +77,10 @@ def test_error_falls_in_the_energy_norm(launcher, name):
         residual = source.ravel() - matrix @ found.ravel()
         assert status.iterations == limit
         assert not status.converged
-        assert status.max_residual == pytest.approx(np.abs(residual).max() / np.abs(divergence).max(), rel=1e-3)
-        assert status.rms_residual == pytest.approx(np.linalg.norm(residual) / np.linalg.norm(divergence), rel=1e-3)
+        # Each cell's residual is a sum of a dozen numbers in float32, about as large as |d|.
+        close = {"rel": 1e-3, "abs": 12 * 2.0**-24}
+        assert status.max_residual == pytest.approx(np.abs(residual).max() / np.abs(divergence).max(), **close)
+        assert status.rms_residual == pytest.approx(np.linalg.norm(residual) / np.linalg.norm(divergence), **close)
     assert np.all(np.diff(errors) < 0)
 
 

@@ -48,11 +48,12 @@ def _descend(
     step: float,
     padded: wp.array3d[float],
     a: wp.array3d[float],
+    border: int,
     q_inout: wp.array3d[float],
     residual_inout: wp.array3d[float],
     parts_out: wp.array3d[wp.float64],
 ):
-    """Adds step p to q and −step L p to r; parts of Σ r², max |r| and max |q|."""
+    """Adds step p to q and −step L p to r, with `border` layers of cells below; parts of Σ r², max |r|, max |q|."""
     i, _, c = wp.tid()
     i += rows.first
     p = dense(padded)
@@ -65,6 +66,7 @@ def _descend(
     clear_part(parts, 0, i, start, end)
     clear_part(parts, 1, i, start, end)
     clear_part(parts, 2, i, start, end)
+    b = wp.max(border, 0)
     j = wp.int32(0)
     while j < a.shape[1]:
         k = start
@@ -72,8 +74,8 @@ def _descend(
             pressure = q[i, j, k] + step * p[i + 1, j + 1, k + 1]
             q[i, j, k] = pressure
             parts[2, i, k] = wp.max(parts[2, i, k], wp.float64(wp.abs(pressure)))
-            value = r[i, j, k] - step * change[i, j, k]
-            r[i, j, k] = value
+            value = r[i + b, j + b, k + b] - step * change[i, j, k]
+            r[i + b, j + b, k + b] = value
             add_residual(parts, 0, i, k, value)
             k += 1
         j += 1
@@ -94,10 +96,11 @@ def _turn(
     z = dense(correction)
     f = dense(fluid)
     p = dense(padded_inout)
+    b = wp.max(border, 0)  # known not to be negative, else the loop is not vectorised
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, fluid.shape[2])
     while k < end:
-        p[i + 1, j + 1, k + 1] = f[i, j, k] * z[i + border, j + border, k + border] + share * p[i + 1, j + 1, k + 1]
+        p[i + 1, j + 1, k + 1] = f[i, j, k] * z[i + b, j + b, k + b] + share * p[i + 1, j + 1, k + 1]
         k += 1
 
 
@@ -110,7 +113,7 @@ class ConjugateGradientPressure(IterativePressure):
 
     def __init__(self, launcher: Launcher, problem: PressureProblem, preconditioner: Preconditioner):
         """Allocates."""
-        super().__init__(launcher, problem)
+        super().__init__(launcher, problem, preconditioner.residual, preconditioner.border)
         self._preconditioner = preconditioner
         self._change = launcher.zeros(problem.shape, "pressure")
 
@@ -136,16 +139,16 @@ class ConjugateGradientPressure(IterativePressure):
         direction = self._padded  # the first direction takes no share of what it held before
         product = 0.0
         for iteration in range(limit):
-            product, before = preconditioner.apply(self._residual), product
+            product, before = preconditioner.apply(), product
             share = product / before if iteration else 0.0
-            args = (preconditioner.correction, self._fluid, preconditioner.border, share, direction)
+            args = (preconditioner.correction, self._fluid, self._border, share, direction)
             launch(_turn, self._problem.shape, *args)
             self._fill_ghosts()
             launch(_apply_laplacian, sums.launch_shape, direction, *operator, self._change, sums.parts)
             curvature = sums.sum(0)
             if not curvature < 0.0:
                 return iteration
-            args = (product / curvature, direction, self._change, pressure, self._residual, sums.parts)
+            args = (product / curvature, direction, self._change, self._border, pressure, self._residual, sums.parts)
             launch(_descend, sums.launch_shape, *args)
             if self._is_small(self._read_residual(), zero_guess):
                 return iteration + 1

@@ -105,10 +105,11 @@ def _measure_residual(
     wy: wp.array3d[float],
     wz: wp.array3d[float],
     centre: wp.array3d[float],
+    border: int,
     residual_out: wp.array3d[float],
     parts_out: wp.array3d[wp.float64],
 ):
-    """Sets r = d − L q; parts of Σ r², max |r| and max |q|."""
+    """Sets r = d − L q, with `border` layers of cells below; parts of Σ r², max |r| and max |q|."""
     i, _, c = wp.tid()
     i += rows.first
     p = dense(padded)
@@ -120,12 +121,13 @@ def _measure_residual(
     clear_part(parts, 0, i, start, end)
     clear_part(parts, 1, i, start, end)
     clear_part(parts, 2, i, start, end)
+    b = wp.max(border, 0)
     j = wp.int32(0)
     while j < divergence.shape[1]:
         k = start
         while k < end:
             value = d[i, j, k] - laplacian(padded, wx, wy, wz, centre, i, j, k)
-            r[i, j, k] = value
+            r[i + b, j + b, k + b] = value
             add_residual(parts, 0, i, k, value)
             parts[2, i, k] = wp.max(parts[2, i, k], wp.float64(wp.abs(p[i + 1, j + 1, k + 1])))
             k += 1
@@ -178,11 +180,19 @@ class IterativePressure(ABC):
     The net divergence of closed components of fluid is left out, and the mean of their pressure is 0.
     """
 
-    def __init__(self, launcher: Launcher, problem: PressureProblem):
-        """Allocates; what depends on the solids is prepared when they have changed."""
+    def __init__(self, launcher: Launcher, problem: PressureProblem, residual: wp.array, border: int):
+        """Allocates; what depends on the solids is prepared when they have changed.
+
+        Args:
+            launcher: where it runs.
+            problem: what it is made for.
+            residual: where the residual goes.
+            border: layers of cells that it has below the first cell.
+        """
         self._launcher, self._problem = launcher, problem
         shape, solids = problem.shape, problem.solids
-        self._source, self._residual = (launcher.zeros(shape, "pressure") for _ in range(2))
+        self._residual, self._border = residual, border
+        self._source = launcher.zeros(shape, "pressure")
         self._padded = launcher.zeros(tuple(n + 2 for n in shape), "pressure")
         layers = tuple(int(side == "periodic") for side in problem.sides[0::2])
         self._ghosts = ghost_samples(self._padded.shape, layers)
@@ -265,7 +275,7 @@ class IterativePressure(ABC):
         self._launcher.launch(_start, self._problem.shape, self._fluid, pressure, self._padded)
         self._fill_ghosts()
         operator = (*self._operator.shares, self._operator.centre)
-        args = (self._padded, self._source, *operator, self._residual, self._sums.parts)
+        args = (self._padded, self._source, *operator, self._border, self._residual, self._sums.parts)
         self._launcher.launch(_measure_residual, self._sums.launch_shape, *args)
         return self._read_residual()
 

@@ -306,6 +306,7 @@ class GridLevels:
                 args = (fine, *turned, coarse.shape[axis], self._upper_factor(number, axis), coarse.weights[axis])
                 self._launcher.launch(_coarsen_weights, faces, *args)
             self._launcher.launch(_invert_diagonal, coarse.shape, *coarse.weights, coarse.inverse)
+            copy_samples(self._launcher, coarse.ghosts, coarse.inverse, coarse.inverse)
             weights = coarse.weights
         for array in borrowed:
             array.zero_()

@@ -16,25 +16,20 @@ class Preconditioner(Protocol):
     """A symmetric approximate inverse of the operator.
 
     Attributes:
+        residual: r, what it is applied to [m/s], 0 in solid cells.
         correction: the last result; only cells of fluid count.
-        border: layers of cells that `correction` has below the first cell.
+        border: layers of cells that both arrays have below the first cell.
     """
 
+    residual: wp.array
     correction: wp.array
     border: int
 
     def prepare(self, operator: FaceWeights) -> None:
         """Takes in the operator, again whenever it has changed."""
 
-    def apply(self, residual: wp.array) -> float:
-        """Sets correction ≈ L⁻¹ r.
-
-        Args:
-            residual: r, [nx, ny, nz] [m/s], 0 in solid cells.
-
-        Returns:
-            Σ r correction.
-        """
+    def apply(self) -> float:
+        """Sets correction ≈ L⁻¹ r; returns Σ r correction."""
 
 
 @wp.kernel
@@ -95,16 +90,16 @@ class Diagonal:
     def __init__(self, launcher: Launcher, shape: tuple[int, int, int]):
         """Allocates for (nx, ny, nz) cells."""
         self._launcher = launcher
-        self.correction = launcher.zeros(shape, "pressure")
+        self.residual, self.correction = (launcher.zeros(shape, "pressure") for _ in range(2))
         self._sums = Sums(launcher, shape, 1, "pressure")
 
     def prepare(self, operator: FaceWeights) -> None:
         """Takes in the operator."""
         self._centre = operator.centre
 
-    def apply(self, residual: wp.array) -> float:
+    def apply(self) -> float:
         """Sets correction = −r / Σ a w; returns Σ r correction."""
-        args = (residual, self._centre, self.correction, self._sums.parts)
+        args = (self.residual, self._centre, self.correction, self._sums.parts)
         self._launcher.launch(_divide, self._sums.launch_shape, *args)
         return self._sums.sum(0)
 
@@ -118,15 +113,15 @@ class EmptyBox:
         """Allocates for (nx, ny, nz) cells between sides -x +x -y +y -z +z."""
         self._launcher = launcher
         self._solver = SpectralPressure(launcher, shape, sides)
-        self.correction = launcher.zeros(shape, "pressure")
+        self.residual, self.correction = (launcher.zeros(shape, "pressure") for _ in range(2))
         self._sums = Sums(launcher, shape, 1, "pressure")
 
     def prepare(self, operator: FaceWeights) -> None:
         """Solids change nothing here."""
 
-    def apply(self, residual: wp.array) -> float:
+    def apply(self) -> float:
         """Sets correction to the pressure of a box without solids; returns Σ r correction."""
-        self._solver.invert(residual, self.correction)
-        args = (residual, self.correction, self._sums.parts)
+        self._solver.invert(self.residual, self.correction)
+        args = (self.residual, self.correction, self._sums.parts)
         self._launcher.launch(_sum_products, self._sums.launch_shape, *args)
         return self._sums.sum(0)

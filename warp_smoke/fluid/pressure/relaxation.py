@@ -3,6 +3,7 @@
 Damped Jacobi, and successive over-relaxation of the red and then the black cells of a chessboard (D. M. Young, 1954).
 """
 
+from abc import abstractmethod
 from math import sqrt
 
 import warp as wp
@@ -132,6 +133,10 @@ def _copy_inner(rows: Rows, padded: wp.array3d[float], q_out: wp.array3d[float])
 class _Relaxation(IterativePressure):
     """Sweeps, with a look at the residual now and then."""
 
+    def __init__(self, launcher: Launcher, problem: PressureProblem):
+        """Allocates."""
+        super().__init__(launcher, problem, launcher.zeros(problem.shape, "pressure"), border=0)
+
     def _improve(self, pressure: wp.array, residual: Residual, zero_guess: Residual) -> tuple[int, Residual]:
         iterations, limit = 0, self._problem.max_iterations
         while iterations < limit and not self._is_small(residual, zero_guess):
@@ -143,9 +148,9 @@ class _Relaxation(IterativePressure):
             residual = self._restart(pressure)
         return iterations, residual
 
+    @abstractmethod
     def _sweep(self) -> None:
         """Relaxes every cell of the padded pressure once."""
-        raise NotImplementedError
 
 
 class JacobiPressure(_Relaxation):

@@ -14,31 +14,6 @@ from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 wp.set_module_options({"enable_backward": False})
 
 
-@wp.kernel
-def _start(
-    rows: Rows,
-    residual: wp.array3d[float],
-    inverse: wp.array3d[float],
-    weight: float,
-    source_out: wp.array3d[float],
-    e_out: wp.array3d[float],
-):
-    """Copies d = r; first sweep from e = 0: e = −weight d / Σ w."""
-    i, j, c = wp.tid()
-    i += rows.first
-    r = dense(residual)
-    m = dense(inverse)
-    d = dense_store(source_out)
-    e = dense_store(e_out)
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, residual.shape[2])
-    while k < end:
-        value = r[i, j, k]
-        d[i + 1, j + 1, k + 1] = bits(value)
-        e[i + 1, j + 1, k + 1] = bits(-weight * m[i + 1, j + 1, k + 1] * value)
-        k += 1
-
-
 @wp.func
 def _neighbours(correction: wp.array3d[float], x: int, y: int, z: int):
     """Σ e_neighbour: where faces are open or closed and e = 0 in solid cells, this needs no weights."""
@@ -77,6 +52,79 @@ def _relaxed(here: float, neighbours: float, right: float, inverse: float, weigh
 def _residual(here: float, neighbours: float, right: float, inverse: float):
     """Residual d − L e, 0 where the cell has no open face."""
     return wp.where(inverse > 0.0, right - neighbours + here / wp.max(inverse, 1.0e-6), 0.0)
+
+
+@wp.func
+def _first(source: wp.array3d[float], inverse: wp.array3d[float], weight: float, x: int, y: int, z: int):
+    """First sweep from e = 0: −weight d / Σ w."""
+    d = dense(source)
+    m = dense(inverse)
+    return -weight * m[x, y, z] * d[x, y, z]
+
+
+@wp.kernel
+def _sweep_twice(
+    rows: Rows,
+    source: wp.array3d[float],
+    inverse: wp.array3d[float],
+    first_weight: float,
+    weight: float,
+    e_out: wp.array3d[float],
+):
+    """From e = 0, e_out by two sweeps as in `_sweep`."""
+    i, j, c = wp.tid()
+    x = i + rows.first + 1
+    y = j + 1
+    d = dense(source)
+    m = dense(inverse)
+    after = dense_store(e_out)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, e_out.shape[2] - 3)
+    while k < end:
+        z = k + 1
+        total = _first(source, inverse, first_weight, x - 1, y, z) + _first(source, inverse, first_weight, x + 1, y, z)
+        total += _first(source, inverse, first_weight, x, y - 1, z) + _first(source, inverse, first_weight, x, y + 1, z)
+        total += _first(source, inverse, first_weight, x, y, z - 1) + _first(source, inverse, first_weight, x, y, z + 1)
+        here = _first(source, inverse, first_weight, x, y, z)
+        after[x, y, z] = bits(_relaxed(here, total, d[x, y, z], m[x, y, z], weight))
+        k += 1
+
+
+@wp.kernel
+def _sweep_twice_weighted(
+    rows: Rows,
+    source: wp.array3d[float],
+    wx: wp.array3d[float],
+    wy: wp.array3d[float],
+    wz: wp.array3d[float],
+    inverse: wp.array3d[float],
+    first_weight: float,
+    weight: float,
+    e_out: wp.array3d[float],
+):
+    """From e = 0, e_out by two sweeps as in `_sweep_weighted`."""
+    i, j, c = wp.tid()
+    x = i + rows.first + 1
+    y = j + 1
+    d = dense(source)
+    m = dense(inverse)
+    ox = dense(wx)
+    oy = dense(wy)
+    oz = dense(wz)
+    after = dense_store(e_out)
+    k = wp.max(c * rows.run, 0)
+    end = wp.min(k + rows.run, e_out.shape[2] - 3)
+    while k < end:
+        z = k + 1
+        total = ox[x, y, z] * _first(source, inverse, first_weight, x - 1, y, z)
+        total += ox[x + 1, y, z] * _first(source, inverse, first_weight, x + 1, y, z)
+        total += oy[x, y, z] * _first(source, inverse, first_weight, x, y - 1, z)
+        total += oy[x, y + 1, z] * _first(source, inverse, first_weight, x, y + 1, z)
+        total += oz[x, y, z] * _first(source, inverse, first_weight, x, y, z - 1)
+        total += oz[x, y, z + 1] * _first(source, inverse, first_weight, x, y, z + 1)
+        here = _first(source, inverse, first_weight, x, y, z)
+        after[x, y, z] = bits(_relaxed(here, total, d[x, y, z], m[x, y, z], weight))
+        k += 1
 
 
 @wp.kernel
@@ -242,14 +290,19 @@ def _measure_weighted(
         k += 1
 
 
-def start(launcher: Launcher, level: Level, residual: wp.array, weight: float) -> None:
-    """Sets d of the finest level to a residual [nx, ny, nz], and e by the first sweep from 0."""
-    launcher.launch(_start, level.shape, residual, level.inverse, weight, level.source, level.e)
-
-
 def fill_ghosts(launcher: Launcher, level: Level, a: wp.array) -> None:
     """Makes a field of a level go on beyond periodic sides."""
     copy_samples(launcher, level.ghosts, a, a)
+
+
+def sweep_twice(launcher: Launcher, level: Level, first_weight: float, weight: float, e_out: wp.array) -> None:
+    """Sets e_out to the result of two weighted Jacobi sweeps from 0."""
+    fill_ghosts(launcher, level, level.source)
+    if level.weights is None:
+        launcher.launch(_sweep_twice, level.shape, level.source, level.inverse, first_weight, weight, e_out)
+    else:
+        args = (level.source, *level.weights, level.inverse, first_weight, weight, e_out)
+        launcher.launch(_sweep_twice_weighted, level.shape, *args)
 
 
 def sweep(launcher: Launcher, level: Level, e: wp.array, weight: float, e_out: wp.array) -> None:

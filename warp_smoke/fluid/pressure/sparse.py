@@ -1,7 +1,10 @@
-"""Matrices of multigrid levels, on the host: of a level, of the next where walls split cells, and their inverses.
+"""Operators of multigrid levels as graphs, on the host: of a level, of the next where walls split cells, and inverses.
 
 Coarse cells are pieces of 2 × 2 × 2 blocks that walls divide (C. Dick, M. Rogowsky, R. Westermann, 2015).
 """
+
+from math import prod
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -10,84 +13,137 @@ import scipy.sparse.csgraph
 from warp_smoke.fluid.pressure.levels import Level
 
 
-def level_matrix(level: Level, sides: tuple[str, ...]) -> scipy.sparse.csr_array:
-    """−L over the cells of a level's arrays, between such sides; those around it are among them, with empty rows."""
-    size, (_, ny, nz) = level.inverse.size, level.inverse.shape
-    inner = np.zeros(level.inverse.shape, bool)
-    inner[tuple(slice(1, n + 1) for n in level.shape)] = True
-    inner = inner.ravel()
-    same = np.arange(size).reshape(level.inverse.shape)  # as a cell that is a ghost
-    for axis, n in enumerate(level.shape):
-        if sides[2 * axis] == "periodic":
-            along = np.moveaxis(same, axis, 0)
-            along[0] = along[n]
-    same = same.ravel()
-    diagonal, rows, columns, values = np.zeros(size), [], [], []
-    for axis, (weights, stride) in enumerate(zip(level.weights, (ny * nz, nz, 1), strict=True)):
-        w = weights.numpy()
+class Graph(NamedTuple):
+    """The operator L e = Σ w (e_neighbour − e) of n cells.
+
+    Attributes:
+        links: w ≠ 0 between cells a < b, upper triangular [n, n].
+        outside: Σ w of each cell to where e = 0.
+        position: of the cells, [n, 3]; neighbours are one apart along one axis.
+        upper: position along each axis from which on cells have no coarse cell, as an open side is there.
+        period: cells after which the first follows again along each axis, 0 where none does.
+    """
+
+    links: scipy.sparse.csr_array
+    outside: np.ndarray
+    position: np.ndarray
+    upper: np.ndarray
+    period: np.ndarray
+
+    def diagonal(self) -> np.ndarray:
+        """Σ w of each cell."""
+        return self.links.sum(axis=0) + self.links.sum(axis=1) + self.outside
+
+    def neighbours(self) -> scipy.sparse.csr_array:
+        """Links in both directions, [n, n]."""
+        return (self.links + self.links.T).tocsr()
+
+    def inverse(self) -> np.ndarray:
+        """L⁺, float32."""
+        return pseudo_inverse((self.neighbours() - scipy.sparse.diags_array(self.diagonal())).toarray())
+
+
+def level_graph(level: Level, sides: tuple[str, ...]) -> Graph:
+    """The operator of a level between such sides, its cells in order."""
+    shape = level.shape
+    cells = np.arange(prod(shape)).reshape(shape)
+    outside = np.zeros(shape)
+    ends = [], [], []
+    for axis, (weights, n) in enumerate(zip(level.weights, shape, strict=True)):
+        inside = tuple(slice(1, m + 1 + (a == axis)) for a, m in enumerate(shape))
+        w = np.moveaxis(weights.numpy()[inside], axis, 0)
+        along, leak = np.moveaxis(cells, axis, 0), np.moveaxis(outside, axis, 0)
+        faces = [(along[:-1], along[1:], w[1:-1])]
         if sides[2 * axis] == "periodic":  # its last faces are the first again
-            w = w.copy()
-            np.moveaxis(w, axis, 0)[level.shape[axis] + 1] = 0.0
-        w = w.ravel()
-        here = np.flatnonzero(w)
-        below, w = same[here - stride], w[here].astype(np.float64)
-        for cells in (here, below):
-            diagonal += np.bincount(cells, weights=w * inner[cells], minlength=size)
-        between = inner[here] & inner[below]
-        here, below, w = here[between], below[between], w[between]
-        rows += [here, below]
-        columns += [below, here]
-        values += [-w, -w]
-    used = np.flatnonzero(diagonal)
-    rows, columns = np.concatenate([*rows, used]), np.concatenate([*columns, used])
-    entries = (np.concatenate([*values, diagonal[used]]), (rows, columns))
-    return scipy.sparse.coo_array(entries, shape=(size, size)).tocsr()
+            faces.append((along[0], along[-1], w[0]))
+        else:
+            leak[0] += w[0]
+            leak[-1] += w[n]
+        for before, after, between in faces:
+            opened = between != 0.0
+            for part, values in zip(ends, (before, after, between), strict=True):
+                part.append(values[opened])
+    before, after, w = (np.concatenate(part) for part in ends)
+    open_ends = list(zip(shape, sides[1::2], strict=True))
+    upper = np.array([n - n % 2 if side == "open" else n for n, side in open_ends])
+    period = np.array([n if side == "periodic" else 0 for n, side in open_ends])
+    position = np.indices(shape).reshape(3, -1).T
+    return Graph(_upper_triangle(before, after, w, cells.size), outside.ravel(), position, upper, period)
 
 
-def find_members(matrix, position: np.ndarray, upper: np.ndarray) -> scipy.sparse.csr_array:
-    """1 where a cell (row) is a member of a coarse cell (column)."""
-    block = position // 2
-    key = np.ravel_multi_index((block - block.min(0)).T, np.ptp(block, 0) + 1)
-    links = scipy.sparse.triu(matrix, 1).tocoo()
+def find_members(graph: Graph) -> np.ndarray:
+    """The coarse cell of each cell, −1 where it has none."""
+    block = graph.position // 2
+    key = np.ravel_multi_index(block.T, block.max(0) + 1)
+    links = graph.links.tocoo()
     inside = key[links.row] == key[links.col]
     pairs = (links.row[inside], links.col[inside])
-    graph = scipy.sparse.coo_array((np.ones(len(pairs[0]), np.int8), pairs), shape=matrix.shape)
-    _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    used = np.flatnonzero((matrix.diagonal() > 0) & np.all(position < upper, axis=1))
-    _, column = np.unique(label[used], return_inverse=True)
-    shape = (len(position), column.max(initial=-1) + 1)
-    return scipy.sparse.csr_array((np.ones(len(used)), (used, column)), shape=shape)
+    connected = scipy.sparse.coo_array((np.ones(len(pairs[0]), np.int8), pairs), shape=links.shape)
+    count, label = scipy.sparse.csgraph.connected_components(connected, directed=False)
+    used = (graph.diagonal() > 0.0) & np.all(graph.position < graph.upper, axis=1)
+    taken = np.zeros(count, bool)
+    taken[label[used]] = True
+    return np.where(used, (np.cumsum(taken) - 1)[label], -1)
 
 
-def coarsen(matrix, position: np.ndarray, members: scipy.sparse.csr_array, period: np.ndarray) -> tuple:
-    """−L of the coarse level, the prolongation to the fine one, and the coarse positions.
+def coarsen(graph: Graph, members: np.ndarray) -> tuple[Graph, scipy.sparse.csr_array]:
+    """The coarse level of which cells are members, and the prolongation from it.
 
     Weights are means of four; a fine cell takes E + ¼ Σ W (E_neighbour − E) over the coarse neighbours on its side.
     """
-    coarse = (0.25 * (members.T @ matrix @ members)).tocsr()
-    coarse.data[np.abs(coarse.data) < 1e-6] = 0.0  # cells of which nothing leads out
-    coarse.eliminate_zeros()
-    rows, columns = members.nonzero()
-    coarse_position = np.zeros((members.shape[1], 3), int)
-    coarse_position[columns] = position[rows] // 2
-    links = coarse.tocoo()
-    step = coarse_position[links.col] - coarse_position[links.row]
-    for axis, n in enumerate((period + 1) // 2):
+    used = np.flatnonzero(members >= 0)
+    own, size = members[used], members.max(initial=-1) + 1
+    links = graph.links.tocoo()
+    a, b = members[links.row], members[links.col]
+    between = (a != b) & (a >= 0) & (b >= 0)
+    coarse_links = _upper_triangle(a[between], b[between], 0.25 * links.data[between], size)
+    outside = np.bincount(own, graph.outside[used], size)
+    for inner, outer, ends in ((a, b, links.row), (b, a, links.col)):
+        left = (inner >= 0) & (outer < 0)
+        outside += np.bincount(members[ends[left]], links.data[left], size)
+    position = np.zeros((size, 3), int)
+    position[own] = graph.position[used] // 2
+    coarse = Graph(coarse_links, 0.25 * outside, position, graph.upper // 2, (graph.period + 1) // 2)
+    return coarse, _prolongation(graph, members, coarse)
+
+
+def _prolongation(graph: Graph, members: np.ndarray, coarse: Graph) -> scipy.sparse.csr_array:
+    """E + ¼ Σ W (E_neighbour − E) for each cell over the coarse neighbours one further on its side of each axis."""
+    used, size = np.flatnonzero(members >= 0), len(coarse.position)
+    own = members[used]
+    links = coarse.neighbours().tocoo()
+    step = coarse.position[links.col] - coarse.position[links.row]
+    for axis, n in enumerate(coarse.period):
         if n:  # around a periodic axis, the shorter way
             step[:, axis] = (step[:, axis] + n // 2) % n - n // 2
-    neighbours = scipy.sparse.csr_array(members.shape)
-    for axis in range(3):
-        # Neighbours one further along this axis, and none along the others; for cells on that side.
-        for side, away in enumerate((-1, 1)):
-            chosen = (step[:, axis] == away) & (np.abs(step).sum(axis=1) == 1)
-            entries = (-0.25 * links.data[chosen], (links.row[chosen], links.col[chosen]))
-            on_side = scipy.sparse.diags_array((position[:, axis] % 2 == side).astype(float))
-            neighbours += on_side @ members @ scipy.sparse.csr_array(entries, shape=coarse.shape)
-    to_outside = 0.25 * np.clip(matrix.sum(axis=1), 0.0, 2.0)
-    own = 1.0 - neighbours.sum(axis=1) - to_outside
-    prolongation = (scipy.sparse.diags_array(own) @ members + neighbours).tocsr()
-    prolongation.eliminate_zeros()
-    return coarse, prolongation, coarse_position
+    # Links of a coarse cell in each of six directions: 2 axis + 1 upwards, 2 axis downwards.
+    straight = np.flatnonzero(np.abs(step).sum(axis=1) == 1)
+    direction = (step[straight] @ (np.arange(3) * 2)) * step[straight].sum(axis=1) + (step[straight].sum(axis=1) > 0)
+    entries = (0.25 * links.data[straight], (6 * links.row[straight] + direction, links.col[straight]))
+    directed = scipy.sparse.coo_array(entries, shape=(6 * size, size)).tocsr()
+    wanted = 6 * own[:, None] + 2 * np.arange(3) + graph.position[used] % 2
+    first, count = directed.indptr[wanted], directed.indptr[wanted + 1] - directed.indptr[wanted]
+    # Entries of a row: the cell's own coarse cell, then those of the three directions.
+    length = 1 + count.sum(axis=1)
+    end = np.cumsum(length)
+    total = int(count.sum())
+    source = np.repeat(first.ravel() - np.cumsum(count) + count.ravel(), count.ravel()) + np.arange(total)
+    is_own = np.zeros(len(used) + total, bool)
+    is_own[end - length] = True
+    value, column = np.empty(len(is_own)), np.empty(len(is_own), np.int32)
+    value[~is_own], column[~is_own], column[is_own] = directed.data[source], directed.indices[source], own
+    value[is_own] = 0.0
+    neighbours = np.add.reduceat(value, end - length) if len(used) else np.zeros(0)
+    value[is_own] = 1.0 - neighbours - 0.25 * np.clip(graph.outside[used], 0.0, 2.0)
+    ends = np.zeros(len(members) + 1, int)
+    ends[used + 1] = length
+    return scipy.sparse.csr_array((value, column, np.cumsum(ends)), shape=(len(members), size))
+
+
+def _upper_triangle(a: np.ndarray, b: np.ndarray, w: np.ndarray, size: int) -> scipy.sparse.csr_array:
+    """Links from the lower to the higher number, those between the same two cells summed."""
+    entries = (w.astype(np.float64), (np.minimum(a, b), np.maximum(a, b)))
+    return scipy.sparse.coo_array(entries, shape=(size, size)).tocsr()
 
 
 def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import scipy.sparse
 import warp as wp
 
 from warp_smoke.fluid.pressure.levels import FEW_CELLS
-from warp_smoke.fluid.pressure.sparse import coarsen, find_members, pseudo_inverse
+from warp_smoke.fluid.pressure.sparse import Graph, coarsen, find_members
 from warp_smoke.launch import Launcher, Rows
 
 wp.set_module_options({"enable_backward": False})
@@ -153,23 +153,20 @@ class _List:
         arrays = (self._launcher.zeros(self.size, "pressure") for _ in range(4))
         self.inverse, self.source, self.e, self.other = arrays
 
-    def assign(self, matrix, restriction, prolongation) -> None:
-        """Takes in L of this level and the matrices from and to the finer one, as positive definite −L."""
-        size = _rounded(matrix.shape[0])
+    def assign(self, graph: Graph, prolongation: scipy.sparse.csr_array) -> None:
+        """Takes in L of this level and the prolongation to the finer one."""
+        diagonal = graph.diagonal()
+        size = _rounded(len(diagonal))
         self.fine_size = prolongation.shape[0]
         if size > self.inverse.size:
             self.size = size
             self._allocate()
         self.size = size
-        diagonal = matrix.diagonal()
         inverse = np.zeros(self.inverse.size, np.float32)
         inverse[: len(diagonal)] = np.divide(1.0, diagonal, where=diagonal > 0, out=np.zeros(len(diagonal)))
         self.inverse.assign(inverse)
-        off = matrix.tocoo()
-        apart = off.row != off.col
-        off = scipy.sparse.coo_array((-off.data[apart], (off.row[apart], off.col[apart])), shape=matrix.shape)
-        self.neighbours.assign(off.tocsr(), size)
-        self.restriction.assign(restriction, size)
+        self.neighbours.assign(graph.neighbours(), size)
+        self.restriction.assign((0.5 * prolongation.T).tocsr(), size)
         self.prolongation.assign(prolongation, self.fine_size)
 
 
@@ -188,37 +185,37 @@ class SplitLevels:
         self._count = 0
         self._direct = None  # L⁺ of the last level
 
-    def prepare(
-        self, matrix: scipy.sparse.csr_array, position: np.ndarray, upper: np.ndarray, period: np.ndarray
-    ) -> None:
+    def prepare(self, graph: Graph, place: np.ndarray, room: int) -> None:
         """Makes the levels below a level.
 
         Args:
-            matrix: −L of that level, [n, n]; rows of cells without open faces are empty.
-            position: of its cells, [n, 3].
-            upper: position along each axis from which on cells have no coarse cell, as an open side is there.
-            period: cells after which the first follows again along each axis, 0 where none does.
+            graph: the operator of that level.
+            place: where its cells are in its arrays, ascending.
+            room: how long those are.
         """
         self._count = 0
         while True:
-            cells = np.count_nonzero(matrix.diagonal())
+            cells = np.count_nonzero(graph.diagonal())
             if self._count and cells <= FEW_CELLS:
                 break
-            members = find_members(matrix, position, upper)
-            if members.shape[1] == 0 or members.shape[1] > 0.8 * cells:
+            members = find_members(graph)
+            coarse_cells = members.max(initial=-1) + 1
+            if coarse_cells == 0 or coarse_cells > 0.8 * cells:
                 break
-            coarse, prolongation, position = coarsen(matrix, position, members, period)
+            graph, prolongation = coarsen(graph, members)
+            if self._count == 0:
+                prolongation = _spread_rows(prolongation, place, room)
             if self._count == len(self._lists):
                 self._lists.append(_List(self._launcher))
-            self._lists[self._count].assign(coarse, (0.5 * prolongation.T).tocsr(), prolongation)
+            self._lists[self._count].assign(graph, prolongation)
             self._count += 1
-            matrix, upper, period = coarse, upper // 2, (period + 1) // 2
-        self._solvable = 0 < matrix.shape[0] <= _GRAIN
+        size = len(graph.outside)
+        self._solvable = 0 < size <= _GRAIN
         if self._solvable and self._count:
             if self._direct is None:
                 self._direct = self._launcher.zeros((_GRAIN, _GRAIN), "pressure")
             padded = np.zeros((_GRAIN, _GRAIN), np.float32)
-            padded[: matrix.shape[0], : matrix.shape[0]] = pseudo_inverse(-matrix.toarray())
+            padded[:size, :size] = graph.inverse()
             self._direct.assign(padded)
 
     def correct(self, residual: wp.array, e: wp.array, e_out: wp.array) -> None:
@@ -253,6 +250,13 @@ class SplitLevels:
     def _sweep(self, level: _List, e: wp.array, weight: float, e_out: wp.array) -> None:
         args = (*level.neighbours.arrays, level.inverse, e, level.source, weight, e_out)
         self._launcher.launch_each(_sweep_rows, level.size, *args)
+
+
+def _spread_rows(matrix: scipy.sparse.csr_array, place: np.ndarray, room: int) -> scipy.sparse.csr_array:
+    """The matrix with its rows at ascending places among `room`, the others empty."""
+    entries = np.zeros(room + 1, int)
+    entries[place + 1] = np.diff(matrix.indptr)
+    return scipy.sparse.csr_array((matrix.data, matrix.indices, np.cumsum(entries)), shape=(room, matrix.shape[1]))
 
 
 def _rounded(count: int) -> int:

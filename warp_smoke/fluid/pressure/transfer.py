@@ -34,12 +34,9 @@ def _restrict(
     wx: wp.array3d[float],
     wy: wp.array3d[float],
     wz: wp.array3d[float],
-    inverse: wp.array3d[float],
-    weight: float,
     source_out: wp.array3d[float],
-    e_out: wp.array3d[float],
 ):
-    """On the next level, d = ½ (Σ r + ¼ Σ W (r beyond the face − r inside)); first sweep from 0 as in `_start`.
+    """On the next level, d = ½ (Σ r + ¼ Σ W (r beyond the face − r inside)).
 
     Sums are over the eight cells of a coarse one, and over the four on either side of each of its faces: half the
     transpose of `_prolong`, so that the cycle is symmetric.
@@ -50,9 +47,7 @@ def _restrict(
     ox = dense(wx)
     oy = dense(wy)
     oz = dense(wz)
-    m = dense(inverse)
-    d_out = dense_store(source_out)
-    first = dense_store(e_out)
+    d = dense_store(source_out)
     x = 2 * i + 1
     y = 2 * j + 1
     k = wp.max(c * rows.run, 0)
@@ -67,9 +62,7 @@ def _restrict(
         exchange += oy[i + 1, j + 2, k + 1] * (_sum_y(r, x, y + 2, z) - _sum_y(r, x, y + 1, z))
         exchange += oz[i + 1, j + 1, k + 1] * (_sum_z(r, x, y, z - 1) - _sum_z(r, x, y, z))
         exchange += oz[i + 1, j + 1, k + 2] * (_sum_z(r, x, y, z + 2) - _sum_z(r, x, y, z + 1))
-        total = 0.5 * (lower + upper + 0.25 * exchange)
-        d_out[i + 1, j + 1, k + 1] = bits(total)
-        first[i + 1, j + 1, k + 1] = bits(-weight * m[i + 1, j + 1, k + 1] * total)
+        d[i + 1, j + 1, k + 1] = bits(0.5 * (lower + upper + 0.25 * exchange))
         k += 1
 
 
@@ -119,11 +112,10 @@ def _prolong(
         k += 1
 
 
-def restrict(launcher: Launcher, level: Level, residual: wp.array, coarse: Level, weight: float) -> None:
-    """Sets d of the next level from a residual of one, and its e by the first sweep from 0."""
+def restrict(launcher: Launcher, level: Level, residual: wp.array, coarse: Level) -> None:
+    """Sets d of the next level from a residual of one."""
     fill_ghosts(launcher, level, residual)
-    args = (residual, *coarse.weights, coarse.inverse, weight, coarse.source, coarse.e)
-    launcher.launch(_restrict, coarse.shape, *args)
+    launcher.launch(_restrict, coarse.shape, residual, *coarse.weights, coarse.source)
 
 
 def prolong(launcher: Launcher, coarse: Level, level: Level, e: wp.array, e_out: wp.array) -> None:

@@ -14,8 +14,8 @@ import warp as wp
 
 from warp_smoke.fluid.pressure.iterative import FaceWeights
 from warp_smoke.fluid.pressure.levels import FEW_CELLS, GridLevels, Level
-from warp_smoke.fluid.pressure.smoothing import measure, start, sweep, sweep_and_sum
-from warp_smoke.fluid.pressure.sparse import level_matrix, pseudo_inverse
+from warp_smoke.fluid.pressure.smoothing import measure, sweep, sweep_and_sum, sweep_twice
+from warp_smoke.fluid.pressure.sparse import level_graph
 from warp_smoke.fluid.pressure.split_levels import LAST_SWEEPS, SplitLevels
 from warp_smoke.fluid.pressure.sums import Sums
 from warp_smoke.fluid.pressure.transfer import prolong, restrict
@@ -50,7 +50,8 @@ class VCycle:
     """Approximate inverse of the pressure's operator around solids.
 
     Attributes:
-        correction: its result, [nx+3, ny+3, nz+3], cell (i, j, k) at (i+1, j+1, k+1).
+        residual, correction: what it is applied to, and the result; [nx+3, ny+3, nz+3], cell (i, j, k) at
+            (i+1, j+1, k+1).
         border: 1, the layer of zeros below.
     """
 
@@ -71,7 +72,7 @@ class VCycle:
         self._grid = GridLevels(launcher, shape, sides)
         self._levels = self._grid.levels  # those before the levels of `_split`
         self._split = None  # made when walls split a cell
-        self.correction = self._levels[0].e
+        self.residual, self.correction = self._levels[0].source, self._levels[0].e
         self._sums = Sums(launcher, shape, 1, "pressure")
         sizes = [prod(level.shape) for level in self._levels]
         # Levels from here on are recorded: their sweeps take less time than launching them.
@@ -90,15 +91,10 @@ class VCycle:
         if self._splits:
             if self._split is None:
                 self._split = SplitLevels(self._launcher, (_WEAK, _STRONG))
-            matrix = level_matrix(last, self._sides)
-            position = np.stack(np.unravel_index(np.arange(matrix.shape[0]), last.inverse.shape), axis=1) - 1
-            ends = list(zip(last.shape, self._sides[1::2], strict=True))
-            upper = np.array([n - n % 2 if side == "open" else n for n, side in ends])
-            period = np.array([n if side == "periodic" else 0 for n, side in ends])
-            self._split.prepare(matrix, position, upper, period)
+            place = np.ravel_multi_index(np.indices(last.shape).reshape(3, -1) + 1, last.e.shape)
+            self._split.prepare(level_graph(last, self._sides), place, last.e.size)
         elif self._direct is not None:
-            cells = np.ravel_multi_index(np.indices(last.shape).reshape(3, -1) + 1, last.e.shape)
-            self._direct.assign(pseudo_inverse(-level_matrix(last, self._sides)[cells][:, cells].toarray()))
+            self._direct.assign(level_graph(last, self._sides).inverse())
         if not self._splits and self._solve_small is None and self._first_small < len(levels):
             self._solve_small = self._launcher.record(partial(self._solve, self._first_small))
 
@@ -114,31 +110,23 @@ class VCycle:
                 return number + 1
         return len(levels)
 
-    def apply(self, residual: wp.array) -> float:
-        """Sets correction ≈ L⁻¹ r.
-
-        Args:
-            residual: r, [nx, ny, nz] [m/s], 0 in solid cells.
-
-        Returns:
-            Σ r correction.
-        """
+    def apply(self) -> float:
+        """Sets correction ≈ L⁻¹ r; returns Σ r correction."""
         finest = self._levels[0]
-        start(self._launcher, finest, residual, _WEAK)
         self._solve(0)
         sweep_and_sum(self._launcher, finest, finest.other, _WEAK, finest.e, self._sums)
         return self._sums.sum(0)
 
     def _solve(self, number: int) -> None:
-        """Solves a level, which is in `e` after its first sweep, but for its last sweep: in `other`."""
+        """Solves a level but for its last sweep: in `other`."""
         launcher, level = self._launcher, self._levels[number]
         if number + 1 == len(self._levels):
             self._solve_last(level)
             return
         coarse = self._levels[number + 1]
-        sweep(launcher, level, level.e, _STRONG, level.other)
+        sweep_twice(launcher, level, _WEAK, _STRONG, level.other)
         measure(launcher, level, level.other, level.e)
-        restrict(launcher, level, level.e, coarse, _WEAK)
+        restrict(launcher, level, level.e, coarse)
         if number + 1 == self._first_small and not self._splits:
             self._solve_small()
         else:
@@ -151,14 +139,14 @@ class VCycle:
         """Solves the last level but for its last sweep: in `other`."""
         launcher = self._launcher
         if self._splits:
-            sweep(launcher, last, last.e, _STRONG, last.other)
+            sweep_twice(launcher, last, _WEAK, _STRONG, last.other)
             measure(launcher, last, last.other, last.e)
             self._split.correct(last.e.flatten(), last.other.flatten(), last.e.flatten())
             sweep(launcher, last, last.e, _STRONG, last.other)
         elif self._direct is not None:
             launcher.launch_each(_solve_directly, self._direct.shape[0], self._direct, last.source, last.other)
         else:
+            sweep_twice(launcher, last, _WEAK, _STRONG, last.other)
             for _ in range(LAST_SWEEPS):
-                sweep(launcher, last, last.e, _STRONG, last.other)
                 sweep(launcher, last, last.other, _WEAK, last.e)
-            sweep(launcher, last, last.e, _STRONG, last.other)
+                sweep(launcher, last, last.e, _STRONG, last.other)
