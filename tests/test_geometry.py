@@ -122,3 +122,17 @@ def test_moving_points():
     np.testing.assert_allclose(mesh.points_at(2), still + 1)
     np.testing.assert_allclose(mesh.points_at(9), still + 2)
     assert not Mesh(Samples([1, 3], np.stack([still, still])), [[0, 1, 2]]).deforms
+
+
+def test_parts_of_a_mesh():
+    """A part has its triangles' corners alone, also where their normals turn; a part may be empty."""
+    ball = Mesh.sphere(1.0, 8)
+    turning = Samples([1, 2], np.stack([ball.normals, -ball.normals]))
+    whole = Mesh(ball.points, ball.triangles, turning, ball.uvs, np.arange(len(ball.triangles)) // 2)
+    chosen = np.arange(0, len(whole.triangles), 3)
+    part = whole.part(chosen)
+    np.testing.assert_array_equal(part.points[part.triangles], whole.points[whole.triangles][chosen])
+    np.testing.assert_array_equal(part.normals_at(1.5), whole.normals_at(1.5)[chosen])
+    np.testing.assert_array_equal(part.uvs, whole.uvs[chosen])
+    np.testing.assert_array_equal(part.faces, whole.faces[chosen])
+    assert whole.part(chosen[:0]).normals_at(1.0).shape == (0, 3, 3)

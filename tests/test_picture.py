@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from pxr import Usd, UsdShade
 from scenes import at, floor, plume, shining
 
 import warp_smoke as ws
@@ -250,6 +251,33 @@ def test_faces_of_a_picture_have_their_own_materials():
         seen = render_picture(scene, 1.0, size=(SIZE, SIZE), shading=shading)
         assert np.all(seen[:, : SIZE // 2] == [255, 0, 0])
         assert np.all(seen[:, SIZE // 2 :] == [0, 0, 255])
+
+
+def test_faces_of_a_mesh_without_a_material(tmp_path):
+    """From the stage's GeomSubsets to the picture, the bake and its look, where the mesh itself has no material."""
+    mesh = Mesh.grid((-3, 0, 3), (6, 0, 0), (0, 0, -6), 2)
+    looks = [ws.Material(path=f"/World/{n}", diffuse_color=c) for n, c in (("Red", (1, 0, 0)), ("Blue", (0, 0, 1)))]
+    subsets = [
+        ws.MaterialSubset(path=f"/World/Floor/S{n}", triangles=range(4 * n, 4 * n + 4), material=look)
+        for n, look in enumerate(looks)
+    ]
+    receiver = ws.Receiver(path="/World/Floor", texture_size=SIZE)
+    ground = ws.Surface(path="/World/Floor", mesh=mesh, subsets=subsets, receiver=receiver)
+    scene = ws.Scene(surfaces=[ground], camera=looking_down(), ambient=(1, 1, 1), start=1, end=1)
+    scene.save(tmp_path / "floor.usda")
+    assert ws.Scene.open(tmp_path / "floor.usda").surfaces[0].material is None
+    result = ws.run(tmp_path / "floor.usda", tmp_path / "out")
+    ws.render(tmp_path / "out", tmp_path / "seen.png", size=(SIZE, SIZE), samples=1)
+    baked, seen = (
+        np.asarray(Image.open(f)) for f in (*result.folder.glob("textures/Floor.lit*"), tmp_path / "seen.png")
+    )
+    for picture in (baked[..., :3], seen):
+        assert np.all(picture[:, : SIZE // 2] == [255, 0, 0])
+        assert np.all(picture[:, SIZE // 2 :] == [0, 0, 255])
+    stage = Usd.Stage.Open(str(result.stage))
+    prims = [stage.GetPrimAtPath(path) for path in ("/World/Floor", "/World/Floor/S0", "/World/Floor/S1")]
+    bound = {UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0].GetPath() for prim in prims}
+    assert len(bound) == 1  # the baked picture, over all its faces
 
 
 def test_holes_are_seen_through(tmp_path):

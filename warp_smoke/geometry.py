@@ -1,6 +1,6 @@
 """Triangle meshes as the passes need them, and the simple solids (USD's gprims) as such meshes."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -67,6 +67,17 @@ class Mesh(Record):
         """Unit normals at the triangles' corners at a time code, [m, 3, 3] float32, or None."""
         normals = value_at(self.normals, time)
         return normalized(normals).astype(np.float32) if isinstance(self.normals, Samples) else normals
+
+    def part(self, triangles: np.ndarray) -> "Mesh":
+        """The mesh of some of the triangles alone, by their indices [k]; its points stay."""
+
+        def some(corners: np.ndarray | Samples | None) -> np.ndarray | Samples | None:
+            if isinstance(corners, Samples):
+                return Samples(corners.times, corners.values[:, triangles])
+            return None if corners is None else corners[triangles]
+
+        kept = {name: some(getattr(self, name)) for name in ("triangles", "normals", "uvs", "faces")}
+        return replace(self, **kept)
 
     @property
     def deforms(self) -> bool:

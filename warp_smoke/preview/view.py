@@ -8,11 +8,11 @@ import pyvista as pv
 
 from warp_smoke.geometry import normalized, transform_points
 from warp_smoke.preview.camera import View, box_corners, camera_view, framed_view
+from warp_smoke.preview.dress import DressedSurface
 from warp_smoke.preview.lights import set_lights
 from warp_smoke.preview.marks import mark_domain, mark_emitter, mark_light
 from warp_smoke.preview.slices import SliceActors
 from warp_smoke.preview.stage import Frame, PreviewStage
-from warp_smoke.preview.surfaces import SurfaceActor
 from warp_smoke.preview.volume import SmokeActor
 from warp_smoke.record import Record, Samples
 from warp_smoke.scene import Emitter, Material
@@ -68,9 +68,9 @@ class StageView:
         plotter.set_background(BACKGROUND, top=BACKGROUND_TOP)
         plotter.renderer.GetCullers().GetItemAsObject(0).SetSortingStyleToBackToFront()
         drawn = [surface for surface in stage.scene.surfaces if len(surface.mesh.triangles)]
-        self._surfaces = [SurfaceActor(surface, stage.ambient, start) for surface in drawn]
-        for surface in self._surfaces:
-            self._add(surface.actor)
+        self._surfaces = [DressedSurface(surface, stage.ambient, start) for surface in drawn]
+        for actor in (actor for surface in self._surfaces for actor in surface.actors):
+            self._add(actor)
         self._smoke = [SmokeActor(plotter, step) for _ in range(stage.volumes)]
         self._slices = SliceActors(plotter)
         self._frame: Frame | None = None
@@ -103,16 +103,17 @@ class StageView:
             self._look(time)
         self.plotter.reset_camera_clipping_range()
 
-    def _dress(self, surface: SurfaceActor, frame: Frame) -> None:
+    def _dress(self, surface: DressedSurface, frame: Frame) -> None:
         """Gives a surface the look it is to have."""
         path, look = surface.surface.path, self.drawn
         if look.baked and path in frame.pictures:
             surface.show_picture(frame.pictures[path], look.exposure)
         elif look.baked and path in frame.colors:
             surface.show_colors(frame.colors[path], look.exposure)
+        elif look.materials:
+            surface.show_own(DEFAULT, self._stage.ambient, look.exposure)
         else:
-            own = surface.surface.material or DEFAULT
-            surface.show_material(own if look.materials else PLAIN, self._stage.ambient, look.exposure)
+            surface.show_material(PLAIN, self._stage.ambient, look.exposure)
 
     def restyle(self, look: Look) -> None:
         """Draws the last frame again in another look."""

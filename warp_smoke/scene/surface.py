@@ -1,6 +1,6 @@
 """The set: meshes that cast shadows, and what is baked for them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -115,6 +115,15 @@ class Surface(Prim):
     def materials(self) -> tuple[Material, ...]:
         """Its own material, then those of its subsets; defaults where there is none."""
         return tuple(material or Material() for material in (self.material, *(each.material for each in self.subsets)))
+
+    @property
+    def pieces(self) -> tuple["Surface", ...]:
+        """The triangles of each material that some have as a surface of their own, without subsets or receiver."""
+        index, plain = self.material_of_triangle, {"subsets": (), "receiver": None}
+        return tuple(
+            replace(self, mesh=self.mesh.part(np.flatnonzero(index == n)), material=self.materials[n], **plain)
+            for n in np.unique(index)
+        )
 
     @property
     def material_of_triangle(self) -> np.ndarray:
