@@ -14,14 +14,8 @@ from warp_smoke.record import FieldError
 from warp_smoke.scene import Light
 from warp_smoke.shadow.diffusion import Diffusion
 from warp_smoke.shadow.light_buffer import TOUCH, Shear, fit_buffer, light_times, set_to_cells
-from warp_smoke.shadow.slice_projection import (
-    Slices,
-    blocks_along,
-    find_smoke,
-    project_slices,
-    splat_slices,
-    turn_slices,
-)
+from warp_smoke.shadow.slice_projection import blocks_along, find_smoke, project_slices, splat_slices, turn_slices
+from warp_smoke.shadow.slice_rows import Slices
 from warp_smoke.shadow.splats import SPLATS, splat_taps
 
 wp.set_module_options({"enable_backward": False})
