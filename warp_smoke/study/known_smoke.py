@@ -1,6 +1,7 @@
 """Smoke whose shadow is known in closed form: a slab, a uniform ball and a Gaussian blob, each under a light."""
 
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -116,3 +117,11 @@ KNOWN_SMOKE: dict[str, Callable[[], KnownSmoke]] = {
     "uniform sphere": _uniform_sphere,
     "slab": _slab,
 }
+
+
+@cache
+def known_density(problem: str, cells: int) -> tuple[Lattice, np.ndarray]:
+    """The box of a problem's smoke with so many cells along x, and the density in it, which every method takes."""
+    known = KNOWN_SMOKE[problem]()
+    lattice = known.lattice(cells)
+    return lattice, known.density(lattice)

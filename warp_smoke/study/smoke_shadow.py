@@ -18,7 +18,7 @@ from warp_smoke.shadow.diffusion import Diffusion
 from warp_smoke.shadow.methods import SMOKE_SHADOWS
 from warp_smoke.shadow.splats import SPLATS
 from warp_smoke.study.case import Case, Measured, Row, fit_orders, time_repeats
-from warp_smoke.study.known_smoke import KNOWN_SMOKE
+from warp_smoke.study.known_smoke import KNOWN_SMOKE, known_density
 from warp_smoke.study.light_answers import difference, implicit_step, spread_gaussian, variance
 from warp_smoke.study.smoke_plume import EXTINCTION, ORIGIN, RESOLUTION, plume_frame
 
@@ -124,8 +124,7 @@ def _look_up(
 
 def _measure_known(problem: str, method: str, cells: int, launcher: Launcher, repeats: int) -> Measured:
     known = KNOWN_SMOKE[problem]()
-    lattice, light = known.lattice(cells), replace(known.light, **METHODS[method])
-    density = known.density(lattice)
+    light, (lattice, density) = replace(known.light, **METHODS[method]), known_density(problem, cells)
     args = (launcher, lattice, light, known.extinction, density, known.points, repeats, {})
     shadow, found, seconds = _look_up(*args)
     truth = np.exp(-known.depth)
