@@ -14,6 +14,9 @@ LIGHTS = {
     "distant": ws.DistantLight(path="/World/Sun", transform=shining((0.3, -1.0, 0.2)), intensity=3.0),
 }
 
+BOX = ws.Mesh.box(4.0)
+AWAY = ws.Samples([1.0, 20.0], np.array([at(0.0, 0.0, 0.0), at(9.0, 0.0, 0.0)]))
+
 
 def ground(turned_over: bool, with_normals: bool) -> ws.Surface:
     """A floor that may be wound the other way, as a leftHanded one is whose points are not."""
@@ -44,6 +47,32 @@ def test_one_light_in_front_is_enough():
     path = ws.Samples([1.0, 2.0], np.array([at(0.0, 3.0, 0.0), at(0.0, -3.0, 0.0)]))
     for lights in ([lamp, below], [replace(lamp, transform=path)]):
         assert ws.make_plan(ws.Scene(surfaces=[surface], lights=lights, end=2)).warnings == ()
+
+
+FILLING = {
+    "box": (ws.Collider(path="/Full", mesh=ws.Mesh.box(4.0)), True),
+    "inside out": (ws.Collider(path="/Full", mesh=ws.Mesh(BOX.points, BOX.triangles[:, ::-1])), True),
+    "ball": (ws.Collider(path="/Full", mesh=ws.Mesh.sphere(4.0)), True),
+    "array": (ws.ArrayCollider(path="/Full", solid=np.ones((8, 8, 8), bool)), True),
+    "array with room": (ws.ArrayCollider(path="/Full", solid=np.eye(8)[..., None] * np.ones(8) > 0), False),
+    "all centres": (ws.Collider(path="/Full", mesh=ws.Mesh.box(1.8)), True),
+    "room": (ws.Collider(path="/Full", mesh=ws.Mesh.box(1.6)), False),
+    "beside": (ws.Collider(path="/Full", mesh=ws.Mesh.box(4.0), transform=at(2.5, 0.0, 0.0)), False),
+    "leaves": (ws.Collider(path="/Full", mesh=ws.Mesh.box(4.0), transform=AWAY), False),
+}
+
+
+@pytest.mark.parametrize(("collider", "fills"), FILLING.values(), ids=FILLING)
+def test_colliders_that_fill_a_domain_are_named(collider, fills):
+    """The warning is there if no cell of the domain is left for the air, and nothing moves."""
+    domain = ws.SmokeDomain(path="/Smoke", resolution=8)
+    source = ws.Emitter(path="/Source", mesh=ws.Mesh.box(0.5))
+    simulation = Simulation(ws.Scene(domains=[domain], emitters=[source], colliders=[collider]))
+    simulation.step()
+    said = "/Full: it fills /Smoke, which holds neither air nor smoke"
+    assert simulation.plan.warnings == ((said,) if fills else ())
+    assert fills == (not simulation.solver().solids.fluid.numpy().any()) or collider.moves
+    assert np.isfinite(simulation.density.numpy()).all()
 
 
 def test_open_meshes_are_named():

@@ -1,13 +1,15 @@
-"""Meshes that can be worked with, but that hardly are what their maker meant; each is worth a warning."""
+"""Meshes and solids that can be worked with, but that hardly are what their maker meant; each is worth a warning."""
 
 from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from warp_smoke.geometry import Mesh, corner_normals, transform_normals, transform_points
+from warp_smoke.lattice import Lattice
 from warp_smoke.plan.passes import DomainPlan, ReceiverPlan
 from warp_smoke.plan.reach import is_moving
-from warp_smoke.scene import DistantLight, Light, Surface
+from warp_smoke.record import value_at
+from warp_smoke.scene import ArrayCollider, Collider, DistantLight, Light, Surface
 
 
 def open_meshes(domains: Iterable[DomainPlan]) -> Iterator[str]:
@@ -17,6 +19,34 @@ def open_meshes(domains: Iterable[DomainPlan]) -> Iterator[str]:
         mesh = getattr(each, "mesh", None)
         if isinstance(mesh, Mesh) and not mesh.is_closed:
             yield f"{path}: its mesh is not closed; what counts as inside it is estimated"
+
+
+def filled_domains(domains: Iterable[DomainPlan], time: float) -> Iterator[str]:
+    """Colliders that fill a domain as long as they stand still, so that it holds neither air nor smoke."""
+    for domain in domains:
+        for each in domain.colliders:
+            if not is_moving(each) and _fills(each, domain.lattice, time):
+                yield f"{each.path}: it fills {domain.domain.path}, which holds neither air nor smoke"
+
+
+def _fills(collider: Collider | ArrayCollider, lattice: Lattice, time: float) -> bool:
+    """Whether all cells' centres are inside: the middle is, and no triangle comes near the box around them."""
+    if isinstance(collider, ArrayCollider):
+        return bool(np.all(value_at(collider.solid, time) <= 0.0))
+    points = transform_points(collider.transform_at(time) @ lattice.world_to_cells(), collider.mesh.points_at(time))
+    corners = points[collider.mesh.triangles]
+    n = np.asarray(lattice.shape)
+    near = np.all((corners.min(axis=1) <= n - 0.5) & (corners.max(axis=1) >= 0.5), axis=1)
+    return not near.any() and abs(_winding_number(corners - 0.5 * n)) > 0.5
+
+
+def _winding_number(corners: np.ndarray) -> float:
+    """How often triangles [m, 3, 3] wind around the origin (A. Van Oosterom, J. Strackee, 1983)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    x, y, z = (np.linalg.norm(each, axis=1) for each in (a, b, c))
+    solid = np.einsum("ni,ni->n", a, np.cross(b, c))
+    plane = x * y * z + (a * b).sum(1) * z + (b * c).sum(1) * x + (c * a).sum(1) * y
+    return float(np.arctan2(solid, plane).sum() / (2.0 * np.pi))
 
 
 def dark_receivers(receivers: Iterable[ReceiverPlan], time: float) -> Iterator[str]:

@@ -1,8 +1,9 @@
 """The plan of a scene: its passes, the memory that they need, and what is doubtful about it."""
 
 from dataclasses import dataclass
+from itertools import chain
 
-from warp_smoke.plan.doubts import dark_receivers, open_meshes
+from warp_smoke.plan.doubts import dark_receivers, filled_domains, open_meshes
 from warp_smoke.plan.host_memory import host_estimate
 from warp_smoke.plan.passes import DomainPlan, LeftOut, Pass, ReceiverPlan, VolumePlan
 from warp_smoke.quality import Chosen
@@ -32,14 +33,16 @@ class Plan:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user marked for smoke or baking, and that makes none; and doubtful meshes."""
+        """What the user marked for smoke or baking, and that makes none; full domains; and doubtful meshes."""
         marked = {each.path for each in self.scene.domains} | {each.path for each in self.scene.surfaces}
         missing = (
             f"{out.subjects[0]}: {out.why}"
             for out in self.left_out
             if out.name in ("simulate", "bake") and len(out.subjects) == 1 and out.subjects[0] in marked
         )
-        return (*missing, *open_meshes(self.domains), *dark_receivers(self.receivers, self.scene.start))
+        start = self.scene.start
+        doubts = filled_domains(self.domains, start), open_meshes(self.domains), dark_receivers(self.receivers, start)
+        return (*missing, *chain(*doubts))
 
     @property
     def memory(self) -> str:
