@@ -1,6 +1,7 @@
 """The active box: what it covers, that it cuts nothing off, and how little it changes."""
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import warp_smoke as ws
 from warp_smoke.fluid.active_box import fit_boxes, hull
 from warp_smoke.fluid.grid import Box, face_shape
 from warp_smoke.fluid.measures import Measures
+from warp_smoke.fluid.periodic_advection import PeriodicAdvection, advection_halo
 from warp_smoke.fluid.schemes import ADVECTION_SCHEMES
 from warp_smoke.fluid.solver import SmokeSolver
 from warp_smoke.timing import Timings
@@ -77,6 +79,32 @@ def test_carries_in_the_boxes_alone(launcher, upload, scheme):
         for a in range(3):  # faces on open sides go on as the next inside
             np.moveaxis(outside, a, 0)[[0, -1]] = False
         np.testing.assert_array_equal(part[outside], before.astype(np.float32)[outside])
+
+
+@pytest.mark.parametrize("scheme", ["maccormack", "bfecc"])
+@pytest.mark.parametrize("sides", [("open",) * 6, ("closed", "closed", "periodic", "periodic", "open", "open")])
+def test_reads_no_farther_than_traces_reach(launcher, upload, scheme, sides):
+    """Who says how fast the air is saves copies of what no trace can reach, and changes no bit.
+
+    In a second step, so that what was not copied is out of date.
+    """
+    rng = np.random.default_rng(1)
+    velocity = [rng.uniform(-1, 1, face_shape(SHAPE, axis)) for axis in range(3)]
+    velocity[1][:, -1] = velocity[1][:, 0]
+    scalar, results = rng.uniform(0, 1, SHAPE), []
+    halo = advection_halo(launcher, SHAPE, sides, 3.0)
+    for courant in (inf, 3.0):
+        advection = ADVECTION_SCHEMES[scheme](launcher, SHAPE, sides)
+        if halo:
+            advection = PeriodicAdvection(launcher, ADVECTION_SCHEMES[scheme], sides, halo)
+        flow, field = tuple(map(upload, velocity)), upload(scalar)
+        advection.activate(Box((16, 1, 16), (32, 17, 40)), Box((24, 2, 24), (32, 14, 32)))
+        for _ in range(2):
+            advection.trace(flow, 3.0, courant)
+            flow, field = advection.advect_velocity(flow), advection.advect_scalar(field, 0.0)
+        results.append([each.numpy().copy() for each in (*flow, field)])
+    for far, near in zip(*results, strict=True):
+        np.testing.assert_array_equal(near.view(np.int32), far.view(np.int32))
 
 
 def _fields(scene: ws.Scene, frames: int, threads: int = 1) -> tuple[ws.Simulation, list[np.ndarray]]:

@@ -8,6 +8,7 @@ import warp as wp
 
 from warp_smoke.fluid.advection import end_of_trace
 from warp_smoke.fluid.grid import Block
+from warp_smoke.fluid.halo import copy_samples
 from warp_smoke.fluid.interpolation import sample, settle
 from warp_smoke.fluid.maccormack import MacCormack, clamped, half_error, reverted
 from warp_smoke.fluid.trace import Displacement
@@ -93,7 +94,7 @@ class Bfecc(MacCormack):
     def _correct(self, samples, field: wp.array, limits: tuple, new: wp.array) -> None:
         (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
         better = self._better[samples]
-        self._keep(samples, field, better)
+        copy_samples(self._launcher, samples.near(self._reach), field, better)
         self._launcher.launch(_compensate, shape, block, self._ahead, field, guess, *samples.limits, better)
         self._continue(samples, field, better)
         limited = _sample_clamped if samples is self._cells else _sample_reverted

@@ -4,18 +4,24 @@ A. Selle, R. Fedkiw, B. Kim, Y. Liu, J. Rossignac, *An Unconditionally Stable Ma
 ways to keep the result within range).
 """
 
-from math import inf, prod
+from math import ceil, inf, prod
 
 import warp as wp
 
 from warp_smoke.fluid.advection import SemiLagrangian, end_of_trace
 from warp_smoke.fluid.grid import Block
+from warp_smoke.fluid.halo import copy_samples
 from warp_smoke.fluid.interpolation import blend, corners, fraction, greater, lesser, mixed, sample, settle, within
 from warp_smoke.fluid.samples import Samples
 from warp_smoke.fluid.trace import Displacement, make_displacement, trace_ahead
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
+
+# Samples that interpolation reads beyond the end of a trace, and round-off.
+_STENCIL = 2
+# How far samples are read from is rounded up to this, so that few different launches are recorded.
+_ALIGNMENT = 4
 
 
 @wp.kernel
@@ -137,6 +143,7 @@ class MacCormack(SemiLagrangian):
     def __init__(self, launcher: Launcher, shape: tuple[int, int, int], *args, **options):
         """Allocates; arguments as for `SemiLagrangian`."""
         super().__init__(launcher, shape, *args, **options)
+        self._reach = 0  # how far from a carried sample the guess is read
         self._ahead = make_displacement(launcher, shape)
         self._guess = {samples: launcher.zeros(samples.shape, "advection") for samples in self._spare}
         size = max(prod(samples.shape) for samples in self._spare)
@@ -150,13 +157,15 @@ class MacCormack(SemiLagrangian):
 
     def trace(self, velocity: tuple, step: float, courant: float = inf) -> None:
         """Traces through one step both ways."""
+        reach = min(3.0 * courant, max(self._cells.shape)) + _STENCIL  # the trace ahead is 2 s u more than that back
+        self._reach = ceil(reach / _ALIGNMENT) * _ALIGNMENT
         self._trace_back(velocity, step, courant)
         trace_ahead(self._launcher, self._traced, velocity, step, self._trace_limits, self._back, self._ahead)
         if self._boundary:
             self._boundary.stop(self._back, self._ahead)
 
     def _carry(self, samples: Samples, field: wp.array, limits: tuple, ambient: float, new: wp.array) -> None:
-        self._keep(samples, field, self._guess[samples])
+        copy_samples(self._launcher, samples.near(self._reach), field, self._guess[samples])
         self._make_guess(samples, field, limits, ambient)
         self._continue(samples, field, self._guess[samples])
         self._correct(samples, field, limits, new)
