@@ -14,6 +14,8 @@ from warp_smoke.study.words import duration, percent
 # A letter of a diagram is then about as large as one of the tables; it may become smaller by so much.
 _REM_PER_INCH, _LEAST_SIZE = 5.6, 0.8
 
+_AS_KNOWN = "All is as known answers ask. Fitted orders (2: with half the cell the error is a quarter):"
+
 _PAGE = Template("""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -60,6 +62,8 @@ _PAGE = Template("""<!DOCTYPE html>
 <ul>
 <li><b>Across</b> is time and <b>up</b> is error, so the best place is the lower left corner. Both axes are
 logarithmic: the same distance is the same factor everywhere.</li>
+<li><b>An error</b> of 0.1 is a difference from the right answer that is a tenth as large as that answer, in the root
+mean square over all cells or points, unless the axis says otherwise.</li>
 <li><b>Each line is a method</b>, each point on it one setting, such as a number of cells; what was set is written
 beside it. A line that falls steeply buys much accuracy for its time.</li>
 <li><b>A filled point</b> is a fair choice: nothing else in its panel is both faster and more accurate. A hollow point
@@ -128,7 +132,7 @@ def _verdict(suite: Suite, rows: Sequence[Row]) -> list[str]:
     if lines:
         return ["<ul>" + "".join(f'<li class="bad">{line}</li>' for line in lines) + "</ul>"]
     orders = "<br>".join(map(escape, order_lines(suite, rows)))
-    return [f'<p class="soft">As known answers ask. Fitted orders:<br>{orders}</p>'] if orders else []
+    return [f'<p class="soft">{_AS_KNOWN}<br>{orders}</p>'] if orders else []
 
 
 def _name(row: Row) -> str:
