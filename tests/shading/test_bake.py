@@ -1,64 +1,15 @@
-"""Bakes against the formulas at each texel, what is computed again and when, and what stands in for what is missing."""
-
-from dataclasses import replace
+"""Bakes against the formulas at each texel."""
 
 import numpy as np
 import pytest
+from lit_floor import LAMP, ORIGIN, SIZE, SUN, floor, lamp_terms, srgb, texel_points
 from PIL import Image
+from scenes import at
 
 from warp_smoke.geometry import Mesh, normalized
 from warp_smoke.launch import Launcher
-from warp_smoke.record import Samples
-from warp_smoke.scene import Camera, DistantLight, Material, MaterialSubset, PointLight, Receiver, Surface, Texture
+from warp_smoke.scene import Camera, Material, MaterialSubset, PointLight, Receiver, Texture
 from warp_smoke.shading.bake import ReceiverBake
-from warp_smoke.shading.texels import TexelMap
-from warp_smoke.shading.vertices import VertexMap
-
-ORIGIN = np.zeros(3)
-SIZE = 32
-
-
-def at(*position):
-    """A transform that moves the origin."""
-    matrix = np.eye(4)
-    matrix[3, :3] = position
-    return matrix
-
-
-def downwards():
-    """A transform whose −Z axis points down."""
-    return np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-
-
-def floor(**fields):
-    """A floor of 4 × 4 units in y = 0 around the origin, v towards −z."""
-    mesh = Mesh.grid((-2, 0, 2), (4, 0, 0), (0, 0, -4))
-    return Surface(**{"path": "/Floor", "mesh": mesh, "receiver": Receiver(path="/Floor", texture_size=SIZE)} | fields)
-
-
-def texel_points():
-    """Where the floor's texel centres lie, [SIZE, SIZE, 3] from the top row."""
-    along = (np.arange(SIZE) + 0.5) / SIZE * 4 - 2
-    z, x = np.meshgrid(along, along, indexing="ij")
-    return np.stack([x, np.zeros_like(x), z], axis=2)
-
-
-def srgb(linear):
-    """Codes 0…255 in float64, not rounded."""
-    linear = np.clip(linear, 0, 1)
-    return 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-
-
-LAMP = PointLight(path="/Lamp", transform=at(0.5, 1.0, -0.25), intensity=12.0, color=(1.0, 0.7, 0.4))
-SUN = DistantLight(path="/Sun", transform=downwards(), intensity=1.5, color=(0.3, 0.5, 1.0))
-
-
-def lamp_terms(points):
-    """Unit vectors to the lamp, and B max(l·n, 0) of the floor, [..., 3] each."""
-    offset = np.array([0.5, 1.0, -0.25]) - points
-    d2 = np.sum(offset**2, axis=-1, keepdims=True)
-    to_light = offset / np.sqrt(d2)
-    return to_light, 12.0 / (4 * np.pi * d2) * np.array([1.0, 0.7, 0.4]) * to_light[..., 1:2]
 
 
 def test_matte_floor(launcher):
@@ -151,57 +102,6 @@ def test_shadows_multiply_their_light(launcher):
     assert np.abs(bake.picture("smokeShadow") - 255 * through).max() <= 0.51
 
 
-@pytest.mark.parametrize("bits", [8, 16])
-def test_texels_out_of_the_smokes_reach_are_kept(launcher, bits):
-    """Limited to some texels, every picture has the bytes of one that is not, frame after frame, alpha too."""
-    bakes = ["lit", "irradiance", "smokeShadow"]
-    receiver = Receiver(path="/Floor", texture_size=SIZE, texture_bits=bits)
-    surface = floor(receiver=receiver, material=Material(opacity=0.5))
-    options = {"bakes": bakes, "smoke_shadowed": ["/Lamp", "/Sun"], "color_shadowed": ["/Sun"]}
-    limited, whole = (ReceiverBake(launcher, surface, [LAMP, SUN], ORIGIN, **options) for _ in range(2))
-    rng = np.random.default_rng(4)
-    reached = np.flatnonzero(rng.random(SIZE * SIZE) < 0.3)
-    for bake in (limited, whole):
-        bake.update(1.0)
-    limited.limit_smoke(reached)
-    assert len(limited.smoke_points) == len(reached)
-    shares = {"/Lamp": np.ones((1, SIZE * SIZE), np.float32), "/Sun": np.ones((3, SIZE * SIZE), np.float32)}
-    for _ in range(3):
-        for path, share in shares.items():
-            some = rng.choice(reached, len(reached) // 2)
-            share[:, some] = rng.random((len(share), len(some)), np.float32)
-            whole.transmittance[path].assign(share)
-            limited.transmittance[path].assign(share[:, reached])
-        found, expected = limited.pictures(bakes), whole.pictures(bakes)
-        for name in bakes:
-            np.testing.assert_array_equal(found[name], expected[name])
-
-
-def test_only_texels_whose_shadow_changes_are_put_together_anew(launcher):
-    """Of the texels in the smoke's reach, those alone turn black when light is taken away without saying so."""
-    bake = ReceiverBake(launcher, floor(), [SUN], ORIGIN, bakes=["lit"], shadowed=["/Sun"], smoke_shadowed=["/Sun"])
-    bake.update(1.0)
-    bake.limit_smoke(np.arange(100, 300))
-    before = bake.pictures(["lit"])["lit"].reshape(-1, 3)
-    assert before.min() > 0
-    bake.visibility["/Sun"].fill_(0.0)
-    share = np.ones((1, 200), np.float32)
-    share[0, 50:90] = 0.5
-    bake.transmittance["/Sun"].assign(share)
-    after = bake.pictures(["lit"])["lit"].reshape(-1, 3)
-    np.testing.assert_array_equal(np.flatnonzero(np.all(after == 0, axis=1)), np.arange(150, 190))
-    np.testing.assert_array_equal(np.delete(after, np.s_[150:190], axis=0), np.delete(before, np.s_[150:190], axis=0))
-
-
-def test_smoke_out_of_reach_of_everything(launcher):
-    """Where smoke reaches no texel at all, the picture is that without smoke."""
-    bake = ReceiverBake(launcher, floor(), [SUN], ORIGIN, bakes=["lit"], smoke_shadowed=["/Sun"])
-    bake.update(1.0)
-    whole = bake.picture("lit")
-    bake.limit_smoke(np.zeros(0, int))
-    np.testing.assert_array_equal(bake.pictures(["lit"])["lit"], whole)
-
-
 def test_no_light_is_no_shadow(launcher):
     """Where no light arrives, or there is none, visibility and smokeShadow are 1 and lit is what the surface emits."""
     below = PointLight(path="/Below", transform=at(0, -1, 0))
@@ -212,84 +112,6 @@ def test_no_light_is_no_shadow(launcher):
         assert np.all(bake.picture("visibility") == 255)
         assert np.all(bake.picture("smokeShadow") == 255)
         assert np.all(bake.picture("lit") == [255, 0, 0])
-
-
-def test_only_what_changed_is_computed(device):
-    """Still lights are shaded once; a moving one, the camera or the receiver makes only its own light new."""
-    flicker = PointLight(path="/Flicker", transform=at(0, 1, 0), intensity=Samples([1, 2, 3], [1.0, 1.0, 2.0]))
-    camera = Camera(path="/C", transform=Samples([3, 4], np.stack([at(0, 1, 3), at(0, 2, 3)])))
-    surface = floor(transform=Samples([4, 5], np.stack([at(0, 0, 0), at(0, 0.1, 0)])))
-    launcher = Launcher(device)
-    bake = ReceiverBake(launcher, surface, [LAMP, SUN, flicker], ORIGIN, bakes=["lit", "visibility"], camera=camera)
-    counts = []
-    for time in (1.0, 2.0, 3.0, 4.0, 5.0, 6.0):
-        before = launcher.launches.copy()
-        bake.update(time)
-        made = launcher.launches - before
-        counts.append((made["_shade_light"], made["_weigh_light"], made["_place_texels"]))
-    assert counts == [
-        (3, 3, 1),
-        (0, 0, 0),
-        (1, 1, 0),  # the flickering lamp alone
-        (3, 0, 0),  # highlights follow the camera
-        (3, 3, 1),
-        (0, 0, 0),
-    ]
-
-
-def test_moving_pictures_are_those_of_each_time(launcher):
-    """Updating from frame to frame gives the bytes that a fresh bake of that frame gives."""
-    light = PointLight(path="/L", transform=Samples([1, 3], np.stack([at(-1, 1, 0), at(1, 1, 0)])), intensity=9.0)
-    camera = Camera(path="/C", transform=at(0, 1, 3))
-
-    def fresh():
-        return ReceiverBake(launcher, floor(), [light, SUN], ORIGIN, bakes=["lit"], camera=camera)
-
-    bake = fresh()
-    pictures = []
-    for time in (1.0, 2.0, 3.0):
-        bake.update(time)
-        pictures.append(bake.picture("lit"))
-        other = fresh()
-        other.update(time)
-        np.testing.assert_array_equal(pictures[-1], other.picture("lit"))
-    assert np.any(pictures[0] != pictures[1])
-
-
-def test_nothing_is_made_that_is_not_asked_for(device):
-    """A bake of shadows alone keeps no colours, a lit one no weights, and no shadow means no shares."""
-    sizes = {}
-    for name, bakes, shadowed in (
-        ("lit", ["lit"], []),
-        ("shadowed", ["lit"], ["/Lamp"]),
-        ("visibility", ["visibility"], []),
-    ):
-        launcher = Launcher(device)
-        bake = ReceiverBake(launcher, floor(), [LAMP], ORIGIN, bakes=bakes, shadowed=shadowed)
-        bake.update(1.0)
-        bake.picture(bakes[0])
-        sizes[name] = launcher.allocated["bake"]
-        assert (launcher.launches["_weigh_light"] == 0) == (bakes == ["lit"])
-        assert (launcher.launches["_shade_light"] == 0) == (bakes == ["visibility"])
-    n = SIZE * SIZE
-    assert sizes["shadowed"] - sizes["lit"] == 4 * n
-    assert sizes["lit"] - sizes["visibility"] == 2 * 12 * n - 2 * 4 * n + 2 * n  # radiance, lit; weights, shares; codes
-
-
-def test_no_camera(launcher):
-    """Without a camera highlights are left out, with a note, even for a mirror."""
-    shiny = Material(path="/M", diffuse_color=(0.5, 0.5, 0.5), fresnel_r0=(1, 1, 1), roughness=0.5)
-    bake = ReceiverBake(launcher, floor(material=shiny), [SUN], ORIGIN, bakes=["lit"])
-    bake.update(1.0)
-    np.testing.assert_array_equal(bake.picture("lit")[0, 0], np.round(srgb(0.75 / np.pi * np.array([0.3, 0.5, 1.0]))))
-    assert bake.warnings == ("/Floor: no camera to see highlights from; the bake has diffuse light only",)
-
-
-def test_default_material(launcher):
-    """A surface without a material reflects 18 %."""
-    bake = ReceiverBake(launcher, floor(), [], ORIGIN, bakes=["lit"], ambient=(1, 1, 1))
-    bake.update(1.0)
-    np.testing.assert_array_equal(bake.picture("lit"), 118)
 
 
 def test_texture(launcher, tmp_path):
@@ -354,94 +176,6 @@ def test_opacity_is_the_alpha_of_what_is_lit(launcher):
     bake.update(1.0)
     np.testing.assert_array_equal(bake.picture("lit"), np.broadcast_to([255, 255, 255, 102], (SIZE, SIZE, 4)))
     assert bake.picture("irradiance").shape == (SIZE, SIZE, 3)
-
-
-PLAIN = Mesh.grid((-2, 0, 2), (4, 0, 0), (0, 0, -4), 4)
-
-
-@pytest.mark.parametrize(
-    ("uvs", "message"),
-    [
-        (None, "/Floor: no texture coordinates; colours at its points are baked instead of a texture"),
-        (
-            PLAIN.uvs % 0.75 * 8,
-            "/Floor: texture coordinates reach over 0…4 and overlap in 1024 of 1024 texels; "
-            "colours at its points are baked instead of a texture",
-        ),
-        (PLAIN.uvs * np.float32(np.nan), "/Floor: texture coordinates are not finite"),
-        (PLAIN.uvs * 0, "/Floor: texture coordinates cover no area"),
-    ],
-)
-def test_points_instead_of_texels(launcher, uvs, message):
-    """Without texture coordinates that can hold a picture, linear colours at the points, and a warning."""
-    surface = floor(mesh=Mesh(PLAIN.points, PLAIN.triangles, uvs=uvs))
-    bake = ReceiverBake(launcher, surface, [LAMP], ORIGIN, bakes=["lit", "smokeShadow"], smoke_shadowed=["/Lamp"])
-    assert isinstance(bake.map, VertexMap)
-    assert bake.warnings[0].startswith(message)
-    bake.update(1.0)
-    bake.transmittance["/Lamp"].fill_(0.25)
-    np.testing.assert_allclose(bake.picture("lit"), 0.25 * 0.18 * lamp_terms(PLAIN.points)[1], rtol=1e-5)
-    np.testing.assert_allclose(bake.picture("smokeShadow"), 0.25)
-
-
-def test_texture_without_coordinates(launcher):
-    """A textured material on a mesh without texture coordinates shows its plain colour, and says so."""
-    material = Material(path="/M", diffuse_color=(0.5, 0.25, 1.0), diffuse_texture=Texture(file="/nowhere.png"))
-    surface = floor(mesh=Mesh(PLAIN.points, PLAIN.triangles), material=material)
-    bake = ReceiverBake(launcher, surface, [], ORIGIN, bakes=["lit"], ambient=(1, 1, 1))
-    bake.update(1.0)
-    np.testing.assert_allclose(bake.picture("lit"), np.tile([0.5, 0.25, 1.0], (25, 1)))
-    assert "/Floor: the textures of /M have no coordinates; its colours are used" in bake.warnings
-
-
-@pytest.mark.parametrize(("scale", "moved"), [((8, 8), (0, 0)), ((3, 1), (-1, 0)), ((1, 1), (4, 2)), ((-2, 2), (1, 0))])
-def test_coordinates_outside_the_unit_square(launcher, tmp_path, scale, moved):
-    """Repeated, tiled, moved or mirrored coordinates give the picture of those in the square; textures keep theirs."""
-    codes = np.random.default_rng(2).integers(0, 256, (8, 8, 3)).astype(np.uint8)
-    Image.fromarray(codes).save(tmp_path / "noise.png")
-    texture = Texture(file=str(tmp_path / "noise.png"))
-    uvs = (PLAIN.uvs * scale + moved).astype(np.float32)
-    pictures = []
-    for mesh, look in (
-        (Mesh(PLAIN.points, PLAIN.triangles, uvs=uvs), texture),
-        (PLAIN, replace(texture, uv_scale=scale, uv_translation=moved)),
-    ):
-        bake = ReceiverBake(
-            launcher, floor(mesh=mesh, material=Material(diffuse_texture=look)), [LAMP], ORIGIN, bakes=["lit"]
-        )
-        assert isinstance(bake.map, TexelMap)
-        bake.update(1.0)
-        pictures.append(bake.picture("lit").astype(int))
-        assert any("primvars:st_bake" in warning for warning in bake.warnings) == (mesh is not PLAIN)
-    mirrored = np.flip(pictures[1], axis=1) if scale[0] < 0 else pictures[1]
-    # Float32 coordinates far from the origin move samples of a noisy texture by 1e-5 of a texel.
-    assert np.abs(pictures[0] - mirrored).max() <= 1
-
-
-def test_round_off_outside_the_unit_square(launcher):
-    """Coordinates that miss [0, 1] by less than half a texel are baked all the same."""
-    grid = Mesh.grid((-2, 0, 2), (4, 0, 0), (0, 0, -4))
-    surface = floor(mesh=Mesh(grid.points, grid.triangles, uvs=grid.uvs * np.float32(1.004) - np.float32(0.002)))
-    bake = ReceiverBake(launcher, surface, [SUN], ORIGIN, bakes=["lit"])
-    assert isinstance(bake.map, TexelMap)
-    assert bake.map.count == SIZE * SIZE
-
-
-def test_overlap_is_reported(launcher):
-    """A box whose six sides share one square is baked, with a warning that counts the texels."""
-    bake = ReceiverBake(launcher, floor(mesh=Mesh.box()), [SUN], ORIGIN, bakes=["lit"])
-    assert bake.warnings[0] == (
-        "/Floor: texture coordinates overlap in 1024 of 1024 texels; these show only the first of the triangles there"
-    )
-
-
-def test_mesh_without_triangles(launcher):
-    """A mesh of nothing gives no colours and no failure."""
-    surface = floor(mesh=Mesh(np.zeros((0, 3)), np.zeros((0, 3)), uvs=np.zeros((0, 3, 2))))
-    bake = ReceiverBake(launcher, surface, [SUN], ORIGIN, bakes=["lit", "visibility"])
-    bake.update(1.0)
-    assert bake.picture("lit").shape == (0, 3)
-    assert bake.picture("visibility").shape == (0,)
 
 
 @pytest.mark.parametrize("threads", [2, 7])
