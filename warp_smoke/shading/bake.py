@@ -28,17 +28,14 @@ from warp_smoke.shading.compose import (
     make_shares,
 )
 from warp_smoke.shading.light_source import light_source
-from warp_smoke.shading.looks import make_looks, without_pictures, without_relief
+from warp_smoke.shading.looks import make_looks
 from warp_smoke.shading.normal_map import pack_channels
 from warp_smoke.shading.radiance import shade_irradiance, shade_light, weigh_light
 from warp_smoke.shading.surface_points import SurfacePoints, allocate_detail, look_up_detail
 from warp_smoke.shading.texel_picture import Change
 from warp_smoke.shading.texels import TexelMap
+from warp_smoke.shading.usable import map_surface, usable_materials
 from warp_smoke.shading.vertices import VertexMap
-from warp_smoke.uv_fit import BAKE_UVS
-
-# Charts beside each other may share so many of their texels when coordinates are brought into [0, 1].
-_OVERLAP_OF_ROUNDING = 0.01
 
 
 class ReceiverBake:
@@ -100,23 +97,12 @@ class ReceiverBake:
             warnings += (f"{surface.path}: no camera to see relief from; {flat} has no parallax",)
 
         count = self.map.count
-        by_light = (len(self._lights), max(count, 1))  # Warp takes no row of an empty array
         self._sources, self._eye = [None] * len(self._lights), None
         self._looks = make_looks(launcher, materials)
         self._points = self._surface_points(materials)
         self._detail = allocate_detail(launcher, count, "bake", materials)
-        self._radiance = self._irradiance = self._weights = None
-        if "lit" in bakes:
-            self._radiance = launcher.zeros(by_light, "bake", dtype=wp.vec3)
-        if "irradiance" in bakes:
-            self._ambient_light = launcher.array(np.tile(np.float32(ambient), (count, 1)), "bake", dtype=wp.vec3)
-            self._irradiance = launcher.zeros(by_light, "bake", dtype=wp.vec3)
-        if "lit" in bakes or "irradiance" in bakes:
-            self._lit = launcher.zeros(count, "bake", dtype=wp.vec3)
-        if "visibility" in bakes or "smokeShadow" in bakes:
-            self._weights = launcher.zeros(by_light, "bake")
-            self._shares = launcher.zeros(count, "bake")
         self._ambient = wp.vec3(*ambient)
+        self._allocate_light(bakes, ambient)
         shadows = [int(light.path in shadowed) for light in self._lights]
         self._visibility, self.visibility = self._make_shares(shadows, count)
         self.visibility = {path: rows[0] for path, rows in self.visibility.items()}
@@ -130,6 +116,22 @@ class ReceiverBake:
         self._part: _Part | None = None
         self.smoke_points = self.map.points
         self.warnings = warnings
+
+    def _allocate_light(self, bakes: Collection[str], ambient: tuple[float, float, float]) -> None:
+        """Room for each light's share of the bakes, and for their sums."""
+        launcher, count = self._launcher, self.map.count
+        by_light = (len(self._lights), max(count, 1))  # Warp takes no row of an empty array
+        self._radiance = self._irradiance = self._weights = None
+        if "lit" in bakes:
+            self._radiance = launcher.zeros(by_light, "bake", dtype=wp.vec3)
+        if "irradiance" in bakes:
+            self._ambient_light = launcher.array(np.tile(np.float32(ambient), (count, 1)), "bake", dtype=wp.vec3)
+            self._irradiance = launcher.zeros(by_light, "bake", dtype=wp.vec3)
+        if "lit" in bakes or "irradiance" in bakes:
+            self._lit = launcher.zeros(count, "bake", dtype=wp.vec3)
+        if "visibility" in bakes or "smokeShadow" in bakes:
+            self._weights = launcher.zeros(by_light, "bake")
+            self._shares = launcher.zeros(count, "bake")
 
     def _surface_points(self, materials: Sequence[Material]) -> SurfacePoints:
         points = SurfacePoints()
@@ -268,43 +270,3 @@ class _Part:
         self.change = Change(launcher, index[texels.picture.source])
         self.before, self.unshadowed = before, unshadowed
         self.drawn: set[str] = set()
-
-
-def map_surface(launcher: Launcher, surface: Surface, origin: np.ndarray) -> tuple[TexelMap | VertexMap, tuple]:
-    """The texels of a receiver, or its points where its texture coordinates hold no picture, and warnings."""
-    uvs, path = surface.mesh.uvs, surface.path
-    instead = "colours at its points are baked instead of a texture"
-    if uvs is None:
-        return VertexMap(launcher, surface, origin), (f"{path}: no texture coordinates; {instead}",)
-    if not np.all(np.isfinite(uvs)):
-        return VertexMap(launcher, surface, origin), (f"{path}: texture coordinates are not finite; {instead}",)
-    texels = TexelMap(launcher, surface, origin)
-    if texels.count == 0:
-        return VertexMap(launcher, surface, origin), (f"{path}: texture coordinates cover no area; {instead}",)
-    warnings = ()
-    if surface.bake_fit is not None:
-        reach = f"{path}: texture coordinates reach over {uvs.min():g}…{uvs.max():g}"
-        if texels.overlapping > _OVERLAP_OF_ROUNDING * texels.count:
-            warning = f"{reach} and overlap in {texels.overlapping} of {texels.count} texels; {instead}"
-            return VertexMap(launcher, surface, origin), (warning,)
-        warnings = (f"{reach}; the bake has its own within [0, 1], primvars:{BAKE_UVS}",)
-    if texels.overlapping:
-        warning = f"{path}: texture coordinates overlap in {texels.overlapping} of {texels.count} texels"
-        warnings += (f"{warning}; these show only the first of the triangles there",)
-    return texels, warnings
-
-
-def usable_materials(surface: Surface, places: TexelMap | VertexMap) -> tuple[tuple[Material, ...], tuple]:
-    """A receiver's materials as far as its texture coordinates serve, and warnings."""
-    usable, warnings = [], []
-    for material in surface.materials:
-        if places.uvs is None and material.has_pictures:
-            warnings.append(
-                f"{surface.path}: the textures of {material.path} have no coordinates; its colours are used"
-            )
-            material = without_pictures(material)
-        elif isinstance(places, VertexMap) and material.needs_tangents:
-            warnings.append(f"{surface.path}: normals and heights of {material.path} are left out of colours at points")
-            material = without_relief(material)
-        usable.append(material)
-    return tuple(usable), tuple(warnings)

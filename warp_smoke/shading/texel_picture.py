@@ -1,5 +1,7 @@
 """Pictures made of values at texels: encoded, with charts grown over their borders."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -53,8 +55,8 @@ class TexelPicture:
         """Shares 0…1 of texels as raw codes [p]."""
         deep = self._bits == 16
         codes = self._room(name, 1, wp.uint16 if deep else wp.uint8)
-        kernel = _encode_deep_shares if deep else _encode_shares
-        self._launcher.launch_each(kernel, len(self.source), change.source, change.flags, values, codes)
+        kernel, last = (_encode_shares_16, 65535.0) if deep else (_encode_shares_8, 255.0)
+        self._launcher.launch_each(kernel, len(self.source), change.source, change.flags, values, last, codes)
         return codes.numpy()[:, 0]
 
     def directions(self, values: wp.array) -> np.ndarray:
@@ -158,23 +160,15 @@ def _encode_shares(
     source: wp.array[int],
     flags: wp.array[wp.uint8],
     shares: wp.array[float],
-    codes_inout: wp.array2d[wp.uint8],
+    last: float,
+    codes_inout: wp.array2d[Any],
 ):
-    """codes[p] = round(255 shares[source[p]])."""
+    """codes[p] = round(last · shares[source[p]])."""
     p = rows.first + wp.tid()
     if not is_kept(source, flags, p):
-        codes_inout[p, 0] = wp.uint8(int(255.0 * within_unit(shares[source[p]]) + 0.5))
+        codes_inout[p, 0] = codes_inout.dtype(int(last * within_unit(shares[source[p]]) + 0.5))
 
 
-@wp.kernel
-def _encode_deep_shares(
-    rows: Rows,
-    source: wp.array[int],
-    flags: wp.array[wp.uint8],
-    shares: wp.array[float],
-    codes_inout: wp.array2d[wp.uint16],
-):
-    """codes[p] = round(65535 shares[source[p]])."""
-    p = rows.first + wp.tid()
-    if not is_kept(source, flags, p):
-        codes_inout[p, 0] = wp.uint16(int(65535.0 * within_unit(shares[source[p]]) + 0.5))
+_encode_shares_8, _encode_shares_16 = (
+    wp.overload(_encode_shares, {"codes_inout": wp.array2d[code]}) for code in (wp.uint8, wp.uint16)
+)

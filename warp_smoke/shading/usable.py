@@ -1,0 +1,53 @@
+"""What a receiver can be baked with: texels or points, and its materials as far as texture coordinates serve."""
+
+import numpy as np
+
+from warp_smoke.launch import Launcher
+from warp_smoke.scene import Material, Surface
+from warp_smoke.shading.looks import without_pictures, without_relief
+from warp_smoke.shading.texels import TexelMap
+from warp_smoke.shading.vertices import VertexMap
+from warp_smoke.uv_fit import BAKE_UVS
+
+# Charts beside each other may share so many of their texels when coordinates are brought into [0, 1].
+_OVERLAP_OF_ROUNDING = 0.01
+
+
+def map_surface(launcher: Launcher, surface: Surface, origin: np.ndarray) -> tuple[TexelMap | VertexMap, tuple]:
+    """The texels of a receiver, or its points where its texture coordinates hold no picture, and warnings."""
+    uvs, path = surface.mesh.uvs, surface.path
+    instead = "colours at its points are baked instead of a texture"
+    if uvs is None:
+        return VertexMap(launcher, surface, origin), (f"{path}: no texture coordinates; {instead}",)
+    if not np.all(np.isfinite(uvs)):
+        return VertexMap(launcher, surface, origin), (f"{path}: texture coordinates are not finite; {instead}",)
+    texels = TexelMap(launcher, surface, origin)
+    if texels.count == 0:
+        return VertexMap(launcher, surface, origin), (f"{path}: texture coordinates cover no area; {instead}",)
+    warnings = ()
+    if surface.bake_fit is not None:
+        reach = f"{path}: texture coordinates reach over {uvs.min():g}…{uvs.max():g}"
+        if texels.overlapping > _OVERLAP_OF_ROUNDING * texels.count:
+            warning = f"{reach} and overlap in {texels.overlapping} of {texels.count} texels; {instead}"
+            return VertexMap(launcher, surface, origin), (warning,)
+        warnings = (f"{reach}; the bake has its own within [0, 1], primvars:{BAKE_UVS}",)
+    if texels.overlapping:
+        warning = f"{path}: texture coordinates overlap in {texels.overlapping} of {texels.count} texels"
+        warnings += (f"{warning}; these show only the first of the triangles there",)
+    return texels, warnings
+
+
+def usable_materials(surface: Surface, places: TexelMap | VertexMap) -> tuple[tuple[Material, ...], tuple]:
+    """A receiver's materials as far as its texture coordinates serve, and warnings."""
+    usable, warnings = [], []
+    for material in surface.materials:
+        if places.uvs is None and material.has_pictures:
+            warnings.append(
+                f"{surface.path}: the textures of {material.path} have no coordinates; its colours are used"
+            )
+            material = without_pictures(material)
+        elif isinstance(places, VertexMap) and material.needs_tangents:
+            warnings.append(f"{surface.path}: normals and heights of {material.path} are left out of colours at points")
+            material = without_relief(material)
+        usable.append(material)
+    return tuple(usable), tuple(warnings)
