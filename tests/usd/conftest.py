@@ -1,6 +1,7 @@
-"""Fixtures for tests of what is written."""
+"""Fixtures for tests of what is read and written."""
 
 import pytest
+from PIL import Image
 from results import SET, write_all
 
 
@@ -17,3 +18,11 @@ def set_stage(tmp_path):
 def results(tmp_path, set_stage):
     """Results over the user's stage."""
     return write_all(set_stage, tmp_path / "out")
+
+
+@pytest.fixture
+def picture(tmp_path):
+    """A picture beside the stage."""
+    path = tmp_path / "picture.png"
+    Image.new("RGB", (2, 2)).save(path)
+    return path
