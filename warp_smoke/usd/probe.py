@@ -24,7 +24,7 @@ _LAYER = re.compile(rb"@([^@\n]+\.usd[acz]?)\b[^@\n]*@")
 _SECONDS, _SECONDS_PER_BYTE = 10.0, 2e-6
 _BYTES, _BYTES_PER_BYTE = 2**29, 256
 _LARGE = 2**26  # bytes of layers: trying longer would cost more than it is worth
-_WAIT = 60.0  # for a disk that is slow [s]
+_WAIT = 20.0  # for a disk that is slow [s]
 _LONGEST_LINE = 4096  # what a pipe takes at once
 
 
