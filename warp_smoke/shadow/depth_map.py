@@ -132,23 +132,23 @@ def _list_triangles(
 def _trace_tiles(
     rows: Rows, mesh: wp.uint64, r: MapRays, seen: SeenTriangles, where: TileList, depth_out: wp.array3d[float]
 ):
-    """depth[f,t,s] = distance of the nearest hit / far, for the tiles."""
+    """depth[f,t,s] = distance of the nearest hit / far, for a row of a tile."""
     n = rows.first + wp.tid()
-    within = n % (_TILE * _TILE)
-    n = n // (_TILE * _TILE)
+    within = n % _TILE
+    n = n // _TILE
     if n < where.count:
         size = depth_out.shape[1]
         face, row, column = tile_place(where.tiles[n], (size + _TILE - 1) // _TILE)
-        row = row * _TILE + within // _TILE
-        column = column * _TILE + within % _TILE
-        if row < size and column < size:
-            place = place_on(r, face, float(row) + 0.5, float(column) + 0.5)
-            distance = wp.float32(-1.0)
-            if is_listed(seen, n):
-                distance = listed_distance(seen, r, n, place)
-            else:
-                distance = hit_distance(mesh, r, face, place)
-            depth_out[face, row, column] = wp.where(distance < 0.0, 1.0, distance / r.far)
+        row = row * _TILE + within
+        if row < size:
+            for k in range(column * _TILE, wp.min((column + 1) * _TILE, size)):
+                place = place_on(r, face, float(row) + 0.5, float(k) + 0.5)
+                distance = wp.float32(-1.0)
+                if is_listed(seen, n):
+                    distance = listed_distance(seen, r, n, place)
+                else:
+                    distance = hit_distance(mesh, r, face, place)
+                depth_out[face, row, k] = wp.where(distance < 0.0, 1.0, distance / r.far)
 
 
 @wp.kernel
@@ -217,7 +217,7 @@ class DepthMap:
         size, launch = coverage.launch_size(len(tiles)), self._launcher.launch_each
         if self.lists_triangles:
             launch(_list_triangles, size, rays, seen, where, self.deepest.shape[1], self._listed)
-        launch(_trace_tiles, size * coverage.TILE**2, casters.mesh.id, rays, seen, where, self.depth)
+        launch(_trace_tiles, size * coverage.TILE, casters.mesh.id, rays, seen, where, self.depth)
         launch(_bound_tiles, size, self.depth, where, self.deepest)
 
     def _clear(self) -> None:
