@@ -19,8 +19,8 @@ class Graph(NamedTuple):
     Attributes:
         links: w ≠ 0 between cells a < b, upper triangular [n, n].
         outside: Σ w of each cell to where e = 0.
-        position: of the cells, [n, 3]; neighbours are one apart along one axis.
-        upper: position along each axis from which on cells have no coarse cell, as an open side is there.
+        position: of the cells, [3, n]; neighbours are one apart along one axis.
+        upper: position along each axis from which on cells have no coarse cell, as an open side is there, [3, 1].
         period: cells after which the first follows again along each axis, 0 where none does.
     """
 
@@ -46,7 +46,7 @@ class Graph(NamedTuple):
 def level_graph(level: Level, sides: tuple[str, ...]) -> Graph:
     """The operator of a level between such sides, its cells in order."""
     shape = level.shape
-    cells = np.arange(prod(shape)).reshape(shape)
+    cells = np.arange(prod(shape), dtype=np.int32).reshape(shape)
     outside = np.zeros(shape)
     ends = [], [], []
     for axis, (weights, n) in enumerate(zip(level.weights, shape, strict=True)):
@@ -65,25 +65,25 @@ def level_graph(level: Level, sides: tuple[str, ...]) -> Graph:
                 part.append(values[opened])
     before, after, w = (np.concatenate(part) for part in ends)
     open_ends = list(zip(shape, sides[1::2], strict=True))
-    upper = np.array([n - n % 2 if side == "open" else n for n, side in open_ends])
+    upper = np.array([[n - n % 2 if side == "open" else n] for n, side in open_ends], np.int32)
     period = np.array([n if side == "periodic" else 0 for n, side in open_ends])
-    position = np.indices(shape).reshape(3, -1).T
+    position = np.indices(shape, np.int32).reshape(3, -1)
     return Graph(_upper_triangle(before, after, w, cells.size), outside.ravel(), position, upper, period)
 
 
 def find_members(graph: Graph) -> np.ndarray:
     """The coarse cell of each cell, −1 where it has none."""
     block = graph.position // 2
-    key = np.ravel_multi_index(block.T, block.max(0) + 1)
+    key = np.ravel_multi_index(block, block.max(axis=1) + 1)
     links = graph.links.tocoo()
     inside = key[links.row] == key[links.col]
     pairs = (links.row[inside], links.col[inside])
     connected = scipy.sparse.coo_array((np.ones(len(pairs[0]), np.int8), pairs), shape=links.shape)
     count, label = scipy.sparse.csgraph.connected_components(connected, directed=False)
-    used = (graph.diagonal() > 0.0) & np.all(graph.position < graph.upper, axis=1)
+    used = (graph.diagonal() > 0.0) & np.all(graph.position < graph.upper, axis=0)
     taken = np.zeros(count, bool)
     taken[label[used]] = True
-    return np.where(used, (np.cumsum(taken) - 1)[label], -1)
+    return np.where(used, (np.cumsum(taken, dtype=np.int32) - 1)[label], -1)
 
 
 def coarsen(graph: Graph, members: np.ndarray) -> tuple[Graph, scipy.sparse.csr_array]:
@@ -101,43 +101,43 @@ def coarsen(graph: Graph, members: np.ndarray) -> tuple[Graph, scipy.sparse.csr_
     for inner, outer, ends in ((a, b, links.row), (b, a, links.col)):
         left = (inner >= 0) & (outer < 0)
         outside += np.bincount(members[ends[left]], links.data[left], size)
-    position = np.zeros((size, 3), int)
-    position[own] = graph.position[used] // 2
+    position = np.zeros((3, size), np.int32)
+    position[:, own] = graph.position[:, used] // 2
     coarse = Graph(coarse_links, 0.25 * outside, position, graph.upper // 2, (graph.period + 1) // 2)
     return coarse, _prolongation(graph, members, coarse)
 
 
 def _prolongation(graph: Graph, members: np.ndarray, coarse: Graph) -> scipy.sparse.csr_array:
     """E + ¼ Σ W (E_neighbour − E) for each cell over the coarse neighbours one further on its side of each axis."""
-    used, size = np.flatnonzero(members >= 0), len(coarse.position)
+    used, size = np.flatnonzero(members >= 0), len(coarse.outside)
     own = members[used]
     links = coarse.neighbours().tocoo()
-    step = coarse.position[links.col] - coarse.position[links.row]
+    step = coarse.position[:, links.col] - coarse.position[:, links.row]
     for axis, n in enumerate(coarse.period):
         if n:  # around a periodic axis, the shorter way
-            step[:, axis] = (step[:, axis] + n // 2) % n - n // 2
+            step[axis] = (step[axis] + n // 2) % n - n // 2
     # Links of a coarse cell in each of six directions: 2 axis + 1 upwards, 2 axis downwards.
-    straight = np.flatnonzero(np.abs(step).sum(axis=1) == 1)
-    direction = (step[straight] @ (np.arange(3) * 2)) * step[straight].sum(axis=1) + (step[straight].sum(axis=1) > 0)
+    straight = np.flatnonzero(np.abs(step).sum(axis=0) == 1)
+    step = step[:, straight]
+    direction = 2 * np.abs(step).argmax(axis=0) + (step.sum(axis=0) > 0)
     entries = (0.25 * links.data[straight], (6 * links.row[straight] + direction, links.col[straight]))
     directed = scipy.sparse.coo_array(entries, shape=(6 * size, size)).tocsr()
-    wanted = 6 * own[:, None] + 2 * np.arange(3) + graph.position[used] % 2
-    first, count = directed.indptr[wanted], directed.indptr[wanted + 1] - directed.indptr[wanted]
-    # Entries of a row: the cell's own coarse cell, then those of the three directions.
-    length = 1 + count.sum(axis=1)
-    end = np.cumsum(length)
-    total = int(count.sum())
-    source = np.repeat(first.ravel() - np.cumsum(count) + count.ravel(), count.ravel()) + np.arange(total)
-    is_own = np.zeros(len(used) + total, bool)
-    is_own[end - length] = True
-    value, column = np.empty(len(is_own)), np.empty(len(is_own), np.int32)
-    value[~is_own], column[~is_own], column[is_own] = directed.data[source], directed.indices[source], own
-    value[is_own] = 0.0
-    neighbours = np.add.reduceat(value, end - length) if len(used) else np.zeros(0)
-    value[is_own] = 1.0 - neighbours - 0.25 * np.clip(graph.outside[used], 0.0, 2.0)
-    ends = np.zeros(len(members) + 1, int)
-    ends[used + 1] = length
-    return scipy.sparse.csr_array((value, column, np.cumsum(ends)), shape=(len(members), size))
+    # The three directions on a cell's side of each axis.
+    wanted = 6 * own + 2 * np.arange(3, dtype=np.int32)[:, None] + graph.position[:, used] % 2
+    sides = scipy.sparse.csr_array(
+        (np.ones(wanted.size), wanted.T.ravel(), np.arange(0, wanted.size + 1, 3)), shape=(len(used), 6 * size)
+    )
+    neighbours = sides @ directed
+    here = 1.0 - neighbours.sum(axis=1) - 0.25 * np.clip(graph.outside[used], 0.0, 2.0)
+    itself = scipy.sparse.csr_array((here, own, np.arange(len(used) + 1)), shape=neighbours.shape)
+    return spread_rows(itself + neighbours, used, len(members))
+
+
+def spread_rows(matrix: scipy.sparse.csr_array, place: np.ndarray, room: int) -> scipy.sparse.csr_array:
+    """The matrix with its rows at ascending places among `room`, the others empty."""
+    entries = np.zeros(room + 1, int)
+    entries[place + 1] = np.diff(matrix.indptr)
+    return scipy.sparse.csr_array((matrix.data, matrix.indices, np.cumsum(entries)), shape=(room, matrix.shape[1]))
 
 
 def _upper_triangle(a: np.ndarray, b: np.ndarray, w: np.ndarray, size: int) -> scipy.sparse.csr_array:

@@ -10,7 +10,7 @@ import scipy.sparse
 import warp as wp
 
 from warp_smoke.fluid.pressure.levels import FEW_CELLS
-from warp_smoke.fluid.pressure.sparse import Graph, coarsen, find_members
+from warp_smoke.fluid.pressure.sparse import Graph, coarsen, find_members, spread_rows
 from warp_smoke.launch import Launcher, Rows
 
 wp.set_module_options({"enable_backward": False})
@@ -204,7 +204,7 @@ class SplitLevels:
                 break
             graph, prolongation = coarsen(graph, members)
             if self._count == 0:
-                prolongation = _spread_rows(prolongation, place, room)
+                prolongation = spread_rows(prolongation, place, room)
             if self._count == len(self._lists):
                 self._lists.append(_List(self._launcher))
             self._lists[self._count].assign(graph, prolongation)
@@ -250,13 +250,6 @@ class SplitLevels:
     def _sweep(self, level: _List, e: wp.array, weight: float, e_out: wp.array) -> None:
         args = (*level.neighbours.arrays, level.inverse, e, level.source, weight, e_out)
         self._launcher.launch_each(_sweep_rows, level.size, *args)
-
-
-def _spread_rows(matrix: scipy.sparse.csr_array, place: np.ndarray, room: int) -> scipy.sparse.csr_array:
-    """The matrix with its rows at ascending places among `room`, the others empty."""
-    entries = np.zeros(room + 1, int)
-    entries[place + 1] = np.diff(matrix.indptr)
-    return scipy.sparse.csr_array((matrix.data, matrix.indices, np.cumsum(entries)), shape=(room, matrix.shape[1]))
 
 
 def _rounded(count: int) -> int:
