@@ -47,7 +47,7 @@ EFFECTS = {
     "dissipation": ({"density_dissipation": 0.5}, {}, ["fluid.dissipation"], []),
     "emitter noise": ({}, {"emitters": [replace(plume().emitters[0], noise=0.5)]}, ["fluid.emitter_share"], []),
     "emitter skin": ({}, {"emitters": [replace(plume().emitters[0], source="surface")]}, ["fluid.emitter_share"], []),
-    "collider": ({}, {"colliders": [BALL]}, ["fluid.colliders", "fluid.pressure.v_cycle"], ["colliders"]),
+    "collider": ({}, {"colliders": [BALL]}, ["fluid.solid_faces", "fluid.pressure.v_cycle"], ["colliders"]),
     "surface shadow": (
         {},
         {"surfaces": [floor(), CUBE]},

@@ -6,14 +6,14 @@ from warp_smoke.plan import LightPlan, Plan
 from warp_smoke.plan.reach import is_moving
 from warp_smoke.scene import Collider
 
-# What several pressure solvers share; `open_faces` of a box without colliders is among the colliders' kernels.
-_ITERATIVE = ("fluid.colliders", "fluid.pressure.components", "fluid.pressure.iterative")
+# What several pressure solvers share; `open_faces` of a box without colliders is among those of solid faces.
+_ITERATIVE = ("fluid.solid_faces", "fluid.pressure.components", "fluid.pressure.iterative")
 _CONJUGATE_GRADIENTS = (*_ITERATIVE, "fluid.pressure.conjugate_gradient")
 _SPECTRAL_DIFFUSION = ("fluid.transforms", "fluid.diffusion.scalar", "fluid.diffusion.spectral")
-_JACOBI_DIFFUSION = ("fluid.colliders", "fluid.diffusion.scalar", "fluid.diffusion.jacobi")
+_JACOBI_DIFFUSION = ("fluid.solid_faces", "fluid.diffusion.scalar", "fluid.diffusion.jacobi")
 # Module of kernels by the pass that launches them, and by pass and method where that decides.
 _FLUID = {
-    "voxelize_colliders": ("fluid.voxelize", "fluid.crossing", "fluid.colliders", "fluid.solid_boundary"),
+    "voxelize_colliders": ("fluid.voxelize", "fluid.crossing", "fluid.solid_faces", "fluid.solid_boundary"),
     "vary_emission": ("fluid.emitter_share",),
     "emit_density": ("fluid.voxelize", "fluid.emitters"),
     "emit_density arrays": ("fluid.array_source",),

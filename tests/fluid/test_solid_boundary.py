@@ -7,10 +7,11 @@ import pytest
 import warp as wp
 
 from warp_smoke import ArrayEmitter, Collider, Emitter, Mesh, Samples, Scene, Simulation, SmokeDomain
-from warp_smoke.fluid.colliders import Solids, empty_solids
+from warp_smoke.fluid.colliders import Solids
 from warp_smoke.fluid.grid import Box, face_shape
 from warp_smoke.fluid.schemes import ADVECTION_SCHEMES
 from warp_smoke.fluid.solid_boundary import SolidBoundary
+from warp_smoke.fluid.solid_faces import empty_solids
 from warp_smoke.fluid.trace import Displacement
 from warp_smoke.lattice import place_lattice
 
@@ -204,7 +205,7 @@ def test_empty(launcher, upload):
     rng = np.random.default_rng(6)
     fluid, values = (rng.uniform(size=SHAPE) > 0.5).astype(float), rng.uniform(size=SHAPE)
     field = upload(values)
-    empty_solids(launcher, _cells(upload, fluid), field, 3.0)
+    empty_solids(launcher, upload(fluid), field, 3.0)
     np.testing.assert_array_equal(field.numpy(), np.where(fluid > 0, values.astype(np.float32), 3.0))
 
 

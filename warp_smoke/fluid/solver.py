@@ -14,7 +14,7 @@ import warp as wp
 
 from warp_smoke.fluid.array_source import ArraySource
 from warp_smoke.fluid.body_forces import BodyForces
-from warp_smoke.fluid.colliders import Solids, empty_solids
+from warp_smoke.fluid.colliders import Solids
 from warp_smoke.fluid.diffusion import DIFFUSION_SOLVERS, DiffusionProblem, diffuse_scalar, diffusion_number
 from warp_smoke.fluid.dissipation import decay
 from warp_smoke.fluid.emitters import Interval, Source
@@ -24,6 +24,7 @@ from warp_smoke.fluid.periodic_advection import PaddedSolids, advection_halo
 from warp_smoke.fluid.pressure import PressureStatus
 from warp_smoke.fluid.projection import PressureProjection
 from warp_smoke.fluid.solid_boundary import SolidBoundary
+from warp_smoke.fluid.solid_faces import empty_solids
 from warp_smoke.fluid.state import make_state
 from warp_smoke.fluid.step_report import StepReport, join_reports
 from warp_smoke.fluid.transport import MAX_PARTS, ROUND_OFF, Transport
@@ -100,9 +101,10 @@ class SmokeSolver:
             self._project_pressure()
         self._emit(time, time, 0.0)
         if self.solids:
-            empty_solids(self._launcher, self.solids, self.state.density, 0.0)
-            if self.state.temperature:
-                empty_solids(self._launcher, self.solids, self.state.temperature, self._domain.ambient_temperature)
+            fluid, state = self.solids.fluid, self.state
+            empty_solids(self._launcher, fluid, state.density, 0.0)
+            if state.temperature:
+                empty_solids(self._launcher, fluid, state.temperature, self._domain.ambient_temperature)
 
     def advance(self, start: float, end: float, seconds: float) -> StepReport:
         """Advances the smoke in as many steps as the Courant number calls for.

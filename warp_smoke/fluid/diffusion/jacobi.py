@@ -9,10 +9,10 @@ from math import ceil, log, prod
 
 import warp as wp
 
-from warp_smoke.fluid.colliders import open_faces
 from warp_smoke.fluid.diffusion.problem import DiffusionProblem
 from warp_smoke.fluid.grid import face_shape
 from warp_smoke.fluid.halo import Halo
+from warp_smoke.fluid.solid_faces import open_faces
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})

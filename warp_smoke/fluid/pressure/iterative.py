@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_smoke.fluid.colliders import open_faces
 from warp_smoke.fluid.grid import Box, ghost_samples
 from warp_smoke.fluid.halo import copy_samples
 from warp_smoke.fluid.operators import face_weight, side_weights
 from warp_smoke.fluid.pressure.components import ClosedComponents
 from warp_smoke.fluid.pressure.status import PressureProblem, PressureStatus
 from warp_smoke.fluid.pressure.sums import Sums, add_residual, clear_part, dense_parts
+from warp_smoke.fluid.solid_faces import open_faces
 from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
