@@ -280,6 +280,20 @@ def test_faces_of_a_mesh_without_a_material(tmp_path):
     assert len(bound) == 1  # the baked picture, over all its faces
 
 
+def test_what_cannot_be_shown_is_told(tmp_path):
+    """A picture is made all the same, and lines say which textures have no coordinates, and what the reader noticed."""
+    Image.fromarray(np.full((2, 2, 3), 200, np.uint8)).save(tmp_path / "grey.png")
+    material = ws.Material(path="/World/M", diffuse_texture=ws.Texture(file=str(tmp_path / "grey.png")), opacity=0.5)
+    mesh = Mesh.grid((-3, 0, 3), (6, 0, 0), (0, 0, -6))
+    ground = ws.Surface(path="/World/Floor", mesh=Mesh(mesh.points, mesh.triangles), material=material)
+    ws.Scene(surfaces=[ground], camera=looking_down(), start=1, end=1).save(tmp_path / "floor.usda")
+    told = []
+    ws.render(tmp_path / "floor.usda", tmp_path / "seen.png", size=(4, 4), on_warning=told.append)
+    assert (tmp_path / "seen.png").exists()
+    assert told[-1] == "/World/Floor: the textures of /World/M have no coordinates; its colours are used"
+    assert any("inputs:opacity: its shadow is that of an opaque surface" in line for line in told)
+
+
 def test_holes_are_seen_through(tmp_path):
     """Through two layers of a fence whose opacity is cut off, the floor is seen where the picture is below it."""
     codes = np.where(np.arange(8) % 2, 200, 100).astype(np.uint8)

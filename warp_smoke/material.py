@@ -146,8 +146,8 @@ class Material(Record):
         for name in ("diffuse_color", "fresnel_r0", "emissive_color"):
             self._store(name, at_least(self.path, name, getattr(self, name), shape=(3,)))
         for name in ("roughness", "metallic", "occlusion", "opacity", "opacity_threshold"):
-            self._store(name, at_least(self.path, name, getattr(self, name)))
-            if getattr(self, name) > 1:
+            self._store(name, finite(self.path, name, getattr(self, name)))
+            if not 0 <= getattr(self, name) <= 1:
                 raise FieldError(self.path, name, getattr(self, name), "0 to 1")
         one_of(self.path, "gloss", self.gloss, GLOSS_ROLES)
         one_of(self.path, "reflection", self.reflection, REFLECTIONS)

@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import warp_smoke
-from warp_smoke.cli.console import say_written
+from warp_smoke.cli.console import say_written, warn
 from warp_smoke.cli.load import load
 from warp_smoke.cli.options import DeviceOptions, picture_size
 from warp_smoke.usd.find import find_stage
@@ -41,5 +41,6 @@ def render(
 
     check_readable(find_stage(path))
     options = {"quality": quality, "samples": samples, "shading": shading} | asdict(device)
+    options["on_warning"] = lambda text: warn([text])
     warp_smoke.render(path, output, frame=frame, size=picture_size(size), **options)
     say_written([output])

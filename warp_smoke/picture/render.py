@@ -1,6 +1,6 @@
 """Pictures of scenes in memory, of stages, and of a run's results."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -73,6 +73,7 @@ def render(
     shading: str = "pixel",
     device: str = "cpu",
     threads: int | None = None,
+    on_warning: Callable[[str], None] | None = None,
 ) -> Path:
     """Writes a picture of a stage, or of the results in a folder, through the stage's camera.
 
@@ -88,6 +89,7 @@ def render(
         shading: light for each `pixel` or each `vertex`.
         device: `cpu`, `cuda` or `cuda:N`.
         threads: CPU threads; all unless given.
+        on_warning: is told what of the stage cannot be shown as it is, a line each.
 
     Returns:
         The file.
@@ -108,6 +110,8 @@ def render(
     launcher = Launcher(device, threads)
     samples = usual if samples is None else samples
     renderer = PictureRenderer(launcher, scene, *size, samples=samples, shading=shading)
+    for warning in renderer.warnings if on_warning else ():
+        on_warning(warning)
     volumes = [SmokeVolume(*each) for each in read_volumes(stage, scene, frame)]
     if not volumes and scene.domains:
         smoky = scene if quality is None else choose_quality(scene, quality)[0]

@@ -30,7 +30,11 @@ _TILE_PIXELS = 2**15
 
 
 class PictureRenderer:
-    """Renders a scene through its camera."""
+    """Renders a scene through its camera.
+
+    Attributes:
+        warnings: what of the scene cannot be shown as it is.
+    """
 
     def __init__(
         self,
@@ -66,6 +70,7 @@ class PictureRenderer:
         self._launcher, self._scene, self._samples, self._shading = launcher, scene, samples, shading
         self._width, self._height = width, height
         self._dressing = dress_surfaces(scene.surfaces)
+        self.warnings = (*scene.warnings, *self._dressing.warnings)
         self._looks = make_looks(launcher, self._dressing.materials)
         self._tile: Tile | None = None
 

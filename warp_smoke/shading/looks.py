@@ -140,9 +140,12 @@ def make_looks(launcher: Launcher, materials: Sequence[Material]) -> Looks:
     return table
 
 
-def without_pictures(material: Material) -> Material:
-    """A material whose surface has no texture coordinates."""
-    return replace(material, procedural=None, **dict.fromkeys(TEXTURES))
+def without_coordinates(material: Material, surface: str) -> tuple[Material, tuple[str, ...]]:
+    """A material as a surface without texture coordinates, by its path, shows it; and a warning where that matters."""
+    if not material.has_pictures:
+        return material, ()
+    warning = f"{surface}: the textures of {material.path} have no coordinates; its colours are used"
+    return replace(material, procedural=None, **dict.fromkeys(TEXTURES)), (warning,)
 
 
 def without_relief(material: Material) -> Material:

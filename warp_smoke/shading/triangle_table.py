@@ -10,7 +10,7 @@ from warp_smoke.geometry import winding_flips
 from warp_smoke.launch import Launcher
 from warp_smoke.material import Material
 from warp_smoke.scene import Surface
-from warp_smoke.shading.looks import without_pictures
+from warp_smoke.shading.looks import without_coordinates
 from warp_smoke.shading.placement import place_normals, place_points
 from warp_smoke.shading.tangents import corner_tangents
 
@@ -34,10 +34,17 @@ class TriangleTable:
 
 @dataclass(frozen=True)
 class Dressing:
-    """Materials as surfaces can show them, and for each surface the index of each triangle's material, [m] int32."""
+    """Materials as surfaces can show them.
+
+    Attributes:
+        materials: all of them.
+        index: for each surface the index of each triangle's material, [m] int32.
+        warnings: what surfaces cannot show.
+    """
 
     materials: tuple[Material, ...]
     index: tuple[np.ndarray, ...]
+    warnings: tuple[str, ...]
 
     @property
     def needs_tangents(self) -> bool:
@@ -52,17 +59,18 @@ class Dressing:
 
 def dress_surfaces(surfaces: Sequence[Surface]) -> Dressing:
     """The materials of surfaces; without their pictures where there are no texture coordinates."""
-    materials, index = [Material()], []
+    materials, index, warnings = [Material()], [], []
     for surface in surfaces:
         places = []
         for material in surface.materials:
-            if surface.mesh.uvs is None and material.has_pictures:
-                material = without_pictures(material)
+            if surface.mesh.uvs is None:
+                material, missing = without_coordinates(material, surface.path)
+                warnings += missing
             if material not in materials:
                 materials.append(material)
             places.append(materials.index(material))
         index.append(np.asarray(places, np.int32)[surface.material_of_triangle])
-    return Dressing(tuple(materials), tuple(index))
+    return Dressing(tuple(materials), tuple(index), tuple(dict.fromkeys(warnings)))
 
 
 def triangle_table(

@@ -4,7 +4,7 @@ import numpy as np
 
 from warp_smoke.launch import Launcher
 from warp_smoke.scene import Material, Surface
-from warp_smoke.shading.looks import without_pictures, without_relief
+from warp_smoke.shading.looks import without_coordinates, without_relief
 from warp_smoke.shading.texels import TexelMap
 from warp_smoke.shading.vertices import VertexMap
 from warp_smoke.uv_fit import BAKE_UVS
@@ -41,11 +41,9 @@ def usable_materials(surface: Surface, places: TexelMap | VertexMap) -> tuple[tu
     """A receiver's materials as far as its texture coordinates serve, and warnings."""
     usable, warnings = [], []
     for material in surface.materials:
-        if places.uvs is None and material.has_pictures:
-            warnings.append(
-                f"{surface.path}: the textures of {material.path} have no coordinates; its colours are used"
-            )
-            material = without_pictures(material)
+        if places.uvs is None:
+            material, missing = without_coordinates(material, surface.path)
+            warnings += missing
         elif isinstance(places, VertexMap) and material.needs_tangents:
             warnings.append(f"{surface.path}: normals and heights of {material.path} are left out of colours at points")
             material = without_relief(material)
