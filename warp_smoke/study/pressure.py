@@ -32,9 +32,11 @@ _TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4)
 _SWEEPS = (16, 64, 256)
 _MOST_ITERATIONS = 400
 _RELAXATIONS = ("red_black", "jacobi")
-# On the largest grid a point takes minutes by solvers whose iterations grow with the cells along a side.
+# On large grids there are fewer problems: on the largest only by the fastest solvers, and on the one before also by
+# plain conjugate gradients, whose iterations grow with the cells along a side.
 _LARGE, _LARGE_PROBLEMS = 256, ("empty box", "sphere")
 _LARGE_SOLVERS = ("spectral", "multigrid", "spectral_conjugate_gradient")
+_SLOW, _SLOW_FROM = "conjugate_gradient", 128
 # Measured at 256³: 203 bytes for each cell, with the float64 fields of the residual.
 _BYTES_PER_CELL = 256
 # Far below the error of the grid, so that the grid's alone is seen.
@@ -93,6 +95,8 @@ def _projecting_cases(problems: Iterable[str], solvers: Iterable[str], n: int) -
     """Each problem by each solver that can solve it, as closely as is asked for."""
     made = []
     for problem, solver in product(problems, solvers):
+        if solver == _SLOW and n >= _SLOW_FROM and problem not in _LARGE_PROBLEMS:
+            continue
         if solver == "spectral":
             choices = [{}] if problem == "empty box" else []
         elif solver in _RELAXATIONS:
