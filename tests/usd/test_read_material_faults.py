@@ -40,7 +40,7 @@ def test_a_binding_to_nothing_is_warned_of(tmp_path):
         (("normal3f inputs:normal = (0, 0, 1)\nfloat inputs:opacity = 1",), None),
         (
             ("float inputs:ior.connect = </World/M/T.outputs:r>", texture("")[1]),
-            "/World/M/S: a texture on inputs:ior is not supported; its default is used",
+            "/World/M/S: inputs:ior from /World/M/T is not supported; its default is used",
         ),
         (
             ("normal3f inputs:normal = (0, 1, 0)",),

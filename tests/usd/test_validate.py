@@ -157,6 +157,20 @@ def test_a_light_may_have_inputs_of_other_renderers(results):
     assert ("warning", "/World/Lamp.inputs:glow") in problems_after(results, plant)
 
 
+def test_files_without_a_default_are_named(results):
+    """A reader that knows no time finds no file where there are samples alone."""
+    warned = problems_after(results, lambda stage: stage.GetAttributeAtPath(f"{DENSITY}.filePath").ClearDefault())
+    assert ("warning", f"{DENSITY}.filePath") in warned
+
+
+def test_a_format_that_few_read(results):
+    """A volume that is there, but whose name does not end in .vdb, is an error."""
+    folder = results.root.parent / "volumes"
+    (folder / "Box.0006.nvdb").write_bytes((folder / "Box.0006.vdb").read_bytes())
+    found = problems_after(results, _set(f"{DENSITY}.filePath", Sdf.AssetPath("./volumes/Box.0006.nvdb"), 6))
+    assert [problem for problem in found if problem[0] == "error"] == [("error", f"{DENSITY}.filePath")]
+
+
 def test_fields_in_different_files_are_named(results):
     """A renderer that reads one file finds only one of the fields."""
     warned = problems_after(results, _set(f"{DENSITY}.filePath", Sdf.AssetPath("./volumes/Box.0007.vdb"), 5))

@@ -185,7 +185,8 @@ class MaterialReader:
         if not _is_output(source):
             return self._reader.still(source)
         if name not in TEXTURED:
-            self._reader.warn(shader.GetPrim(), f"a texture on inputs:{name} is not supported; its default is used")
+            text = f"inputs:{name} from {source.GetPrim().GetPath()} is not supported; its default is used"
+            self._reader.warn(shader.GetPrim(), text)
         hidden = shader.GetInput(name).GetAttr()
         return self._reader.still(hidden) if hidden.HasAuthoredValue() and name in TEXTURED else PREVIEW_SURFACE[name]
 
