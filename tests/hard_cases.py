@@ -8,9 +8,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scenes import at, floor, shining
 
 import warp_smoke as ws
+from warp_smoke.fluid import solver, transport
 from warp_smoke.simulation import Simulation
 
 CLOSED = ("closed",) * 6
@@ -45,6 +47,12 @@ def simulate(scene: ws.Scene, **options) -> tuple[Simulation, list[ws.Frame]]:
     """All frames of a scene."""
     simulation = Simulation(scene, **options)
     return simulation, [simulation.step() for _ in scene.frames]
+
+
+def take_few_steps(patch: pytest.MonkeyPatch) -> None:
+    """Frames of at most four steps, in four parts each, so that the fastest air takes no longer than the rest."""
+    for module in (solver, transport):
+        patch.setattr(module, "MAX_PARTS", 4)
 
 
 def refusal(call: Callable[[], object], *kinds: type[Exception]) -> str | None:

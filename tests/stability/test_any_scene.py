@@ -5,12 +5,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from arbitrary import ALLOWED, RECORDS, scenes
-from hard_cases import check_finite, refusal, simulate
+from hard_cases import check_finite, refusal, simulate, take_few_steps
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import warp_smoke as ws
-from warp_smoke.fluid import solver
 
 # Always the same examples; what fails is shrunk but not explained, which takes longer than all of them.
 quick = settings(
@@ -25,8 +24,8 @@ long = settings(quick, max_examples=1500)
 
 @pytest.fixture(autouse=True)
 def few_steps(monkeypatch):
-    """Frames of at most four steps, so that the fastest air takes no longer than the rest."""
-    monkeypatch.setattr(solver, "_MAX_STEPS", 4)
+    """Frames that take no longer than the rest."""
+    take_few_steps(monkeypatch)
 
 
 def run(scene: ws.Scene) -> None:

@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import pytest
 from arbitrary_stage import changes, open_stage
-from hard_cases import check_finite, refusal, simulate
+from hard_cases import check_finite, refusal, simulate, take_few_steps
 from hypothesis import HealthCheck, Phase, given, settings
 from pxr import Tf
 
 import warp_smoke as ws
-from warp_smoke.fluid import solver
 
 quick = settings(
     deadline=None,
@@ -85,7 +84,7 @@ def test_any_attribute_gives_a_finite_frame_or_is_refused(file, changed):
     if scene is None:
         return
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(solver, "_MAX_STEPS", 4)
+        take_few_steps(patch)
         frames = []
         refused = refusal(lambda: frames.extend(simulate(small(scene), threads=1)[1]), FloatingPointError)
     if not refused:
