@@ -9,8 +9,8 @@ import warp as wp
 from warp_smoke.fluid.advection import end_of_trace
 from warp_smoke.fluid.grid import Block
 from warp_smoke.fluid.halo import copy_samples
-from warp_smoke.fluid.interpolation import sample, settle
-from warp_smoke.fluid.maccormack import MacCormack, clamped, half_error, reverted
+from warp_smoke.fluid.interpolation import sample
+from warp_smoke.fluid.maccormack import MacCormack, clamped, half_error, limited_kernel, reverted
 from warp_smoke.fluid.trace import Displacement
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
@@ -41,42 +41,24 @@ def _compensate(
         k += 1
 
 
-def _sampling_kernel(limit: wp.Function) -> wp.Kernel:
-    """Makes the kernel that carries the compensated field within limits, by `clamped` or `reverted`."""
-
-    @wp.kernel(name=f"sample_{limit.key}")
-    def sample_limited(
-        rows: Rows,
-        block: Block,
-        d: Displacement,
-        a: wp.array3d[float],
-        guess: wp.array3d[float],
-        least: wp.array3d[float],
-        most: wp.array3d[float],
-        lower: wp.vec3,
-        upper: wp.vec3,
-        a_out: wp.array3d[float],
-    ):
-        """Sampling: a_out(x) = a(x + d), limited to [least, most]."""
-        i, j, c = wp.tid()
-        i += rows.first + block.first[0]
-        j += block.first[1]
-        new = dense(guess)
-        low = dense(least)
-        high = dense(most)
-        out = dense_store(a_out)
-        k = wp.max(block.first[2] + c * rows.run, 0)
-        end = wp.min(k + rows.run, block.stop)
-        while k < end:
-            x, y, z, _ = end_of_trace(block, d, i, j, k, a, lower, upper)
-            value = sample(a, x, y, z)
-            out[i, j, k] = bits(settle(limit(value, low[i, j, k], high[i, j, k], new[i, j, k])))
-            k += 1
-
-    return sample_limited
+@wp.func
+def compensated(
+    block: Block,
+    d: Displacement,
+    i: int,
+    j: int,
+    k: int,
+    a: wp.array3d[float],
+    _guess: wp.array3d[float],
+    lower: wp.vec3,
+    upper: wp.vec3,
+):
+    """BFECC: a(x + d), a the compensated field."""
+    x, y, z, _ = end_of_trace(block, d, i, j, k, a, lower, upper)
+    return sample(a, x, y, z)
 
 
-_sample_clamped, _sample_reverted = _sampling_kernel(clamped), _sampling_kernel(reverted)
+_clamped, _reverted = (limited_kernel(compensated, limit, __name__) for limit in (clamped, reverted))
 
 
 class Bfecc(MacCormack):
@@ -97,5 +79,5 @@ class Bfecc(MacCormack):
         copy_samples(self._launcher, samples.near(self._reach), field, better)
         self._launcher.launch(_compensate, shape, block, self._ahead, field, guess, *samples.limits, better)
         self._continue(samples, field, better)
-        limited = _sample_clamped if samples is self._cells else _sample_reverted
+        limited = _clamped if samples is self._cells else _reverted
         self._launcher.launch(limited, shape, block, self._back, better, guess, *bounds, *limits, new)

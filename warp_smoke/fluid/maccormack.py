@@ -96,14 +96,20 @@ def reverted(value: float, low: float, high: float, guess: float):
     return wp.where(within(value, low, high) == value, value, guess)
 
 
-def _correcting_kernel(limit: wp.Function) -> wp.Kernel:
-    """Makes the kernel that corrects the guess within limits, by `clamped` or `reverted`."""
+def limited_kernel(value: wp.Function, limit: wp.Function, module: str) -> wp.Kernel:
+    """Makes the kernel of a scheme of order 2 from its formula and its limit.
 
-    @wp.kernel(name=f"correct_{limit.key}")
-    def correct(
+    Args:
+        value: gives the new value of sample (i, j, k) by (block, d, i, j, k, a, guess, lower, upper).
+        limit: `clamped` or `reverted`.
+        module: that the kernel is compiled with.
+    """
+
+    @wp.kernel(name=f"{value.key}_{limit.key}", module=wp.get_module(module))
+    def carry(
         rows: Rows,
         block: Block,
-        e: Displacement,
+        d: Displacement,
         a: wp.array3d[float],
         guess: wp.array3d[float],
         least: wp.array3d[float],
@@ -112,7 +118,7 @@ def _correcting_kernel(limit: wp.Function) -> wp.Kernel:
         upper: wp.vec3,
         a_out: wp.array3d[float],
     ):
-        """MacCormack: a_out(x) = guess(x) + ½ (a(x) − guess(x + e)), limited to [least, most]."""
+        """Limited: a_out(x) = value(x), in the limits of [least, most]."""
         i, j, c = wp.tid()
         i += rows.first + block.first[0]
         j += block.first[1]
@@ -123,14 +129,31 @@ def _correcting_kernel(limit: wp.Function) -> wp.Kernel:
         k = wp.max(block.first[2] + c * rows.run, 0)
         end = wp.min(k + rows.run, block.stop)
         while k < end:
-            value = new[i, j, k] + half_error(block, e, i, j, k, a, guess, lower, upper)
-            out[i, j, k] = bits(settle(limit(value, low[i, j, k], high[i, j, k], new[i, j, k])))
+            found = value(block, d, i, j, k, a, guess, lower, upper)
+            out[i, j, k] = bits(settle(limit(found, low[i, j, k], high[i, j, k], new[i, j, k])))
             k += 1
 
-    return correct
+    return carry
 
 
-_correct_clamped, _correct_reverted = _correcting_kernel(clamped), _correcting_kernel(reverted)
+@wp.func
+def corrected(
+    block: Block,
+    e: Displacement,
+    i: int,
+    j: int,
+    k: int,
+    a: wp.array3d[float],
+    guess: wp.array3d[float],
+    lower: wp.vec3,
+    upper: wp.vec3,
+):
+    """MacCormack: guess(x) + ½ (a(x) − guess(x + e))."""
+    new = dense(guess)
+    return new[i, j, k] + half_error(block, e, i, j, k, a, guess, lower, upper)
+
+
+_clamped, _reverted = (limited_kernel(corrected, limit, __name__) for limit in (clamped, reverted))
 
 
 class MacCormack(SemiLagrangian):
@@ -187,6 +210,6 @@ class MacCormack(SemiLagrangian):
             new: written.
         """
         (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
-        correct = _correct_clamped if samples is self._cells else _correct_reverted
+        correct = _clamped if samples is self._cells else _reverted
         args = (self._ahead, field, guess, *bounds, *samples.limits, new)
         self._launcher.launch(correct, shape, block, *args)
