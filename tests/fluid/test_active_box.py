@@ -2,13 +2,14 @@
 
 from dataclasses import replace
 from math import inf
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scenes import at, plume
 
 import warp_smoke as ws
-from warp_smoke.fluid.active_box import fit_boxes, hull
+from warp_smoke.fluid.active_box import FAST, fit_boxes, hull
 from warp_smoke.fluid.grid import Box, face_shape
 from warp_smoke.fluid.measures import Measures
 from warp_smoke.fluid.periodic_advection import PeriodicAdvection, advection_halo
@@ -17,6 +18,7 @@ from warp_smoke.fluid.solver import SmokeSolver
 from warp_smoke.timing import Timings
 
 SHAPE = (48, 40, 56)
+STAGES = Path(__file__).parents[2] / "stages"
 
 
 def test_boxes_reach_beyond_what_moves():
@@ -24,7 +26,7 @@ def test_boxes_reach_beyond_what_moves():
     smoke, fast = Box((20, 16, 24), (26, 24, 30)), Box((22, 16, 20), (24, 24, 40))
     air, scalars = fit_boxes(smoke, fast, 1.5, SHAPE)
     assert scalars == Box((16, 8, 16), (32, 32, 40))
-    assert air == Box((8, 8, 8), (32, 32, 48))
+    assert air == Box((8, 8, 8), (40, 32, 48))
     assert fit_boxes(smoke, fast, 1e9, SHAPE) == (Box((0, 0, 0), SHAPE),) * 2
     nothing = Box((0, 0, 0), (0, 0, 0))
     assert fit_boxes(None, None, 3.0, SHAPE) == (nothing, nothing)
@@ -144,6 +146,19 @@ def test_changes_little_and_cuts_nothing_off(case):
         assert part.sum() == pytest.approx(whole.sum(), rel=1e-3)
 
 
+def test_sixty_frames_of_the_plume():
+    """The example's density differs by 1 % in L2 at most over 60 frames: at the end swirls amplify what differs."""
+    scene = ws.Scene.open(STAGES / "plume.usda")
+    scene = replace(scene, surfaces=(), lights=(), end=scene.start + 59)
+    on, off = ws.Simulation(scene), ws.Simulation(_switched_off(scene))
+    for _ in scene.frames:
+        on.step()
+        off.step()
+        part, whole = on.density.numpy(), off.density.numpy()
+        assert np.linalg.norm(part - whole) <= 1e-2 * np.linalg.norm(whole)
+    assert whole.sum() > 0
+
+
 def test_the_box_is_a_part_of_the_domain():
     """A small plume in a large domain: less than half of its cells are active, with no memory of their own."""
     on, _ = _fields(CASES["plume"], 3)
@@ -154,7 +169,7 @@ def test_the_box_is_a_part_of_the_domain():
     state, measures = on.solver().state, Measures(on.launcher, on.density.shape)
     smoke = measures.departed(state.density, 0.0, 1.0)
     measures.motion(state.velocity)
-    for box in fit_boxes(smoke, measures.fast_air(0.25), 1.0, on.density.shape):
+    for box in fit_boxes(smoke, measures.fast_air(FAST), 1.0, on.density.shape):
         assert np.prod(np.subtract(box.upper, box.lower)) < 0.5 * np.prod(on.density.shape)
 
 

@@ -16,9 +16,9 @@ from warp_smoke.record import each_value
 from warp_smoke.scene import ArrayEmitter, Emitter
 
 # Air that is faster than this share of the fastest always moves along.
-FAST = 0.25
+FAST = 0.2
 # Cells that the box reaches beyond smoke and fast air: at least, and as a share of their smallest extent.
-_LEAST_MARGIN, _MARGIN = 4, 0.5
+_LEAST_MARGIN, _MARGIN = 4, 0.75
 # Cells that samples reach beyond the end of their trace.
 _STENCIL = 2
 _ALIGNMENT = 8
