@@ -47,6 +47,7 @@ def camera(eye: tuple, target: tuple, focal_length: float = 35.0) -> ws.Camera:
         focal_length=focal_length,
         horizontal_aperture=24.0,
         vertical_aperture=18.0,
+        near=0.1,
     )
 
 
@@ -170,9 +171,31 @@ def gloss() -> Iterator[tuple[str, ws.Scene]]:
         yield f"gloss_{name}", replace(scene, camera=camera((0.0, 0.5, 4.0), (0.0, 0.0, 0.0), 40.0))
 
 
+def panes() -> Iterator[tuple[str, ws.Scene]]:
+    """Panes of glass one before the other and a ball, and a screen whose holes are cut."""
+    scene = still_life(ambient=SKY)
+    ground, ball = scene.surfaces[:2]
+    colors = (0.6, 0.08, 0.05), (0.7, 0.5, 0.05), (0.05, 0.2, 0.6)
+    glass = [
+        surface(
+            f"Pane{n}",
+            ws.Mesh.grid((-1.0 + 0.4 * n, 0.0, 1.1 - 0.2 * n), (0.7, 0, 0), (0, 0.7 + 0.15 * n, 0)),
+            ws.Material(path=f"/Glass{n}", diffuse_color=color, opacity=0.45, fresnel_r0=(0.04,) * 3, roughness=0.3),
+        )
+        for n, color in enumerate(colors)
+    ]
+    file = ROOT / "stages" / "textures" / "checker.png"
+    squares = ws.Texture(file=str(file), color_space="raw", channel="r", wrap_s="clamp", wrap_t="clamp")
+    cut = ws.Material(path="/Cut", diffuse_color=(0.4, 0.3, 0.2), opacity_texture=squares, opacity_threshold=0.5)
+    screen = surface("Screen", ws.Mesh.grid((0.5, 0.0, 0.3), (0.7, 0, 0), (0, 1.05, 0)), cut)
+    # Their shadows would be those of boards.
+    lights = [replace(light, shadowed_by=("/Banded", "/Ground")) for light in scene.lights]
+    yield "opacity", replace(scene, surfaces=[ground, ball, *glass, screen], lights=lights)
+
+
 def figures() -> Iterator[tuple[str, ws.Scene, str]]:
     """Name, scene and shading of each picture."""
-    for name, scene in (*light_parts(), *relief(), *gloss()):
+    for name, scene in (*light_parts(), *relief(), *gloss(), *panes()):
         yield name, scene, "pixel"
     yield from tessellation()
 
