@@ -84,6 +84,25 @@ def test_shadows_of_two_domains_multiply():
     np.testing.assert_allclose(together, shares[0] * shares[1], atol=0.01)
 
 
+def test_smoke_is_projected_once_for_each_pair():
+    """Two floors under two lights take two projections a frame; where smoke is linked to one of the lights, one."""
+    scene = plume()
+    second = replace(scene.surfaces[0], path="/World/Second", transform=at(0, -0.5, 0))
+    second = replace(second, receiver=replace(second.receiver, path="/World/Second"))
+    linked = replace(scene.lights[0], shadowed_by=("/World/Floor",))
+    for lights, pairs in ((scene.lights, 2), ((linked, *scene.lights[1:]), 1)):
+        simulation = ws.Simulation(replace(scene, surfaces=[*scene.surfaces, second], lights=lights))
+        for _ in range(2):
+            simulation.step()
+        counts = []
+        for _ in range(2):
+            launches = simulation.launcher.launches
+            counts.append(launches["_shear_slices"] + launches["_march_slices"])
+            simulation.step()
+        assert counts[1] - counts[0] == pairs
+        assert sum(each.name == "project_smoke" for each in simulation.plan.passes) == pairs
+
+
 @pytest.mark.parametrize("method", ["march", "footprint", "dpd"])
 @pytest.mark.parametrize("place", [(0, 1, 0), (0.2, 1.3, -0.4), (1, 2, 1), (1, 1, 0), (0.125, 1.125, 0.125)])
 def test_light_inside_the_smoke_is_traced(method, place):

@@ -96,17 +96,23 @@ def test_no_acne_on_flat_and_convex_surfaces(launcher, cast, point_light, visibi
         assert lit.mean() < 0.9
 
 
-def test_little_acne_on_the_bunny(launcher, cast, point_light, visibility, sample_surface, bunny):
-    """On a rough mesh fewer than 1 lit point in 200 is in shadow, where a texel straddles a concave edge."""
+# Measured 0.0052, 0.0032 and 0.0017 in shadow, and 0.0111, 0.0079 and 0.0036 that differ.
+@pytest.mark.parametrize(
+    ("size", "acne", "differing"), [(256, 0.008, 0.015), (512, 0.005, 0.01), (2048, 0.0025, 0.005)]
+)
+def test_little_acne_on_the_bunny(
+    launcher, cast, point_light, visibility, sample_surface, bunny, size, acne, differing
+):
+    """On a rough mesh few lit points are in shadow, where a texel straddles a concave edge, and fewer in finer maps."""
     casters = cast((bunny, (0, 0, 0)))
-    light = point_light((1.5, 3, 1.2), shadow_map_size=512)
+    light = point_light((1.5, 3, 1.2), shadow_map_size=size)
     points, normals = sample_surface(bunny, (0, 0, 0), 50_000, np.random.default_rng(2))
     rays = RayTracedShadow(launcher, light, casters, BOUNDS)
     rays.update(1.0)
     exact = visibility(rays, points, normals)
     lit = visibility(_shadow(launcher, light, casters), points, normals)
-    assert np.mean(lit[exact == 1.0] == 0.0) < 1 / 200  # measured 0.0032
-    assert np.mean(lit != exact) < 1 / 100  # measured 0.0073, most of it along grazing edges
+    assert np.mean(lit[exact == 1.0] == 0.0) < acne
+    assert np.mean(lit != exact) < differing  # most of it along grazing edges
 
 
 def test_shadow_of_a_thin_wall_stays_attached(launcher, cast, point_light, visibility):
