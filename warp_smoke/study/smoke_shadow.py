@@ -21,6 +21,7 @@ from warp_smoke.study.case import Case, Measured, Row, fit_orders, time_repeats
 from warp_smoke.study.known_smoke import KNOWN_SMOKE, known_density
 from warp_smoke.study.light_answers import difference, implicit_step, spread_gaussian, variance
 from warp_smoke.study.smoke_plume import EXTINCTION, ORIGIN, RESOLUTION, plume_frame
+from warp_smoke.study.words import duration, percent
 
 SUITE = "smoke_shadow"
 TITLE = "Shadows of smoke"
@@ -236,4 +237,4 @@ def explain(rows: Sequence[Row]) -> str:
 
 
 def _in_words(row: Row) -> str:
-    return f"{100 * row.errors[MAIN_ERROR]:.2g} % of the shadow, {1e3 * row.median:.2g} ms"
+    return f"{percent(row.errors[MAIN_ERROR])} of the shadow, {duration(row.median)}"

@@ -16,6 +16,7 @@ from warp_smoke.shadow.methods import SURFACE_SHADOWS
 from warp_smoke.shadow.ray_traced import RayTracedShadow
 from warp_smoke.study.case import Case, Measured, Row, fit_orders, time_repeats
 from warp_smoke.study.shadow_scenes import FLOOR_POINTS, ShadowScene, bunny_scene, edge_scene, sphere_scene
+from warp_smoke.study.words import duration, percent
 
 SUITE = "surface_shadow"
 TITLE = "Shadows of surfaces"
@@ -176,11 +177,11 @@ def explain(rows: Sequence[Row]) -> str:
     if exact is not None and hard:
         largest = max(hard, key=lambda row: row.resolution)
         said.append(
-            f"on the bunny a map of {largest.resolution} texels is {100 * largest.errors[MAIN_ERROR]:.2g} % of the "
-            f"shadow off in {1e3 * largest.median:.2g} ms, where exact rays take {1e3 * exact.median:.2g} ms"
+            f"on the bunny a map of {largest.resolution} texels is {percent(largest.errors[MAIN_ERROR])} of the "
+            f"shadow off in {duration(largest.median)}, where exact rays take {duration(exact.median)}"
         )
     soft = [row for row in good if row.problem == SOFT]
     if soft:
         best = min((row for row in soft if row.method != "area"), key=lambda row: row.errors[MAIN_ERROR])
-        said.append(f"soft shadows come closest by {best.method} ({100 * best.errors[MAIN_ERROR]:.2g} %)")
+        said.append(f"soft shadows come closest by {best.method} ({percent(best.errors[MAIN_ERROR])})")
     return text + (f" Here {'; '.join(said)}." if said else "")
