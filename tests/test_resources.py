@@ -50,24 +50,25 @@ print(peak - before, sum(plan.bytes.values()) + sum(plan.host_bytes.values()))
 
 
 @pytest.mark.parametrize("stage", STAGES, ids=lambda path: path.stem)
-def test_the_device_memory_of_the_example_stages(stage):
+def test_the_device_memory_of_the_example_stages(stage, record_property):
     """The plan's estimate is within 15 % of what is allocated by the end of three frames."""
     scene = ws.Scene.open(stage)
     simulation = ws.Simulation(replace(scene, domains=[replace(each, resolution=40) for each in scene.domains]))
     for _ in range(3):
         simulation.step()
     allocated = sum(simulation.launcher.allocated.values())
+    record_property("estimate off by a share of", abs(sum(simulation.plan.bytes.values()) / allocated - 1.0))
     assert sum(simulation.plan.bytes.values()) == pytest.approx(allocated, rel=0.15)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stage", STAGES, ids=lambda path: path.stem)
-def test_the_peak_of_the_example_stages(stage, tmp_path):
+def test_the_peak_of_the_example_stages(stage, tmp_path, record_property):
     """On the CPU the estimate, files in hand included, is within 15 % of what a run's process grows by at most."""
     args = [sys.executable, "-c", _PEAK, str(stage), str(tmp_path), "96"]
     done = subprocess.run(args, capture_output=True, text=True, check=True)
     measured, estimated = map(int, done.stdout.split())
-    print(f"{stage.stem}: estimated {estimated / 2**20:.1f} MiB, measured {measured / 2**20:.1f} MiB")
+    record_property("estimate off by a share of", abs(estimated / measured - 1.0))
     assert estimated == pytest.approx(measured, rel=0.15)
 
 
@@ -120,7 +121,7 @@ ws.run(busy_scene(resolution=12, frames=1100), sys.argv[2], on_frame=look, check
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("script", "most"), [(_SIMULATED, 3), (_RUN, 24)], ids=["simulated", "run"])
-def test_a_thousand_frames_leak_nothing(tmp_path, script, most):
+def test_a_thousand_frames_leak_nothing(tmp_path, script, most, record_property):
     """With everything on, memory grows by less than so many KiB a frame.
 
     One leaked field of the small scene would be 7 KiB a frame; the heap itself wanders by 1. A run keeps what its
@@ -129,5 +130,5 @@ def test_a_thousand_frames_leak_nothing(tmp_path, script, most):
     args = [sys.executable, "-c", script, str(Path(__file__).parent), str(tmp_path)]
     done = subprocess.run(args, capture_output=True, text=True, check=True)
     early, late = map(int, done.stdout.split())
-    print(f"{(late - early) / 1000 / 1024:.2f} KiB a frame, from {early / 2**20:.1f} MiB")
+    record_property("KiB more after each frame", (late - early) / 1000 / 1024)
     assert late - early < 1000 * most * 1024

@@ -45,12 +45,13 @@ def follow(launcher, wall, source, courant, behind):
 
 @COURANT
 @pytest.mark.parametrize("moves", [False, True], ids=["still", "moving"])
-def test_plume_under_a_sheet(launcher, courant, moves):
+def test_plume_under_a_sheet(launcher, courant, moves, record_property):
     """A plume spreads under a sheet right across the domain, which may go up and down, and none of it gets above."""
     transform = path((0, 0.03, 0), (0, 0.6, 0), (0, -0.1, 0)) if moves else at(0, 0.03, 0)
     sheet = ws.Collider(path="/Sheet", mesh=SHEET, transform=transform)
     source = ws.Emitter(path="/Source", mesh=ws.Mesh.sphere(0.25, 16), transform=at(0, -0.6, 0))
     above, density = follow(launcher, sheet, source, courant, lambda time: CENTRES[1] > sheet.transform_at(time)[3, 1])
+    record_property("largest density above the sheet", float(above))
     assert above == 0.0
     assert np.count_nonzero(density > 0.1) > 300  # the source alone fills 30 cells
 
@@ -64,7 +65,7 @@ SHAKEN = [(0.3 * (-1) ** n, 0, 0) for n in range(40)]
     [(STILL, 1.0), (STILL, 4.0), (SLOW, 1.0), (SLOW, 4.0), (SHAKEN, 4.0)],
     ids=["still", "still, far", "slow", "slow, far", "shaken"],
 )
-def test_source_in_a_closed_shell(launcher, places, courant):
+def test_source_in_a_closed_shell(launcher, places, courant, record_property):
     """Hot smoke in a hollow sphere with a wall of 0.16 cells, which may be shaken, stays in it."""
     transform = path(*places) if len(places) > 1 else at(*places[0])
     ball = ws.Collider(path="/Shell", mesh=shell(0.6, 0.02), transform=transform)
@@ -74,6 +75,7 @@ def test_source_in_a_closed_shell(launcher, places, courant):
         return np.linalg.norm(CENTRES - ball.transform_at(time)[3, :3, None, None, None], axis=0) > 0.6
 
     beyond, density = follow(launcher, ball, source, courant, outside)
+    record_property("largest density outside the shell", float(beyond))
     assert beyond == 0.0
     assert np.count_nonzero(density > 0.1) > 100  # the source alone fills 20 cells
 
