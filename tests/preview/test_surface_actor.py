@@ -94,6 +94,25 @@ def test_texture_is_the_right_way_up_and_lit_in_linear_light(open_plotter, tmp_p
     np.testing.assert_allclose(_quarters(seen), linear_to_srgb(0.5 * linear).astype(int), atol=1)
 
 
+def test_textures_are_scaled_turned_and_moved(open_plotter, tmp_path):
+    """Scaled by −1, turned by 90° and moved by 1 along v, (u, v) reads (v, 1 − u): turned by a quarter."""
+    Image.fromarray(np.kron(CORNERS, np.ones((16, 16, 1), np.uint8))).save(tmp_path / "corners.png")
+    place = {"uv_scale": (-1.0, -1.0), "uv_rotation": 90.0, "uv_translation": (0.0, 1.0)}
+    texture = ws.Texture(file=str(tmp_path / "corners.png"), color_space="sRGB", **place)
+    surface = ws.Surface(path="/Square", mesh=SQUARE, material=ws.Material(diffuse_texture=texture))
+    seen = _quarters(_draw(open_plotter, surface, ambient=(1, 1, 1)))
+    np.testing.assert_allclose(seen, np.rot90(CORNERS.astype(int)), atol=1)
+
+
+def test_computed_pictures(open_plotter):
+    """A checker of two squares along a side is drawn in its two colours, the first where u and v are 0."""
+    checker = ws.Procedural(kind="checker", color1=(1.0, 0.0, 0.0), color2=(0.0, 0.0, 1.0), repeats=2, size=8192)
+    surface = ws.Surface(path="/Square", mesh=SQUARE, material=ws.Material(procedural=checker))
+    seen = _quarters(_draw(open_plotter, surface, ambient=(1, 1, 1)))
+    red, blue = (255, 0, 0), (0, 0, 255)
+    np.testing.assert_array_equal(seen, [[blue, red], [red, blue]])
+
+
 def test_matte_surface_under_a_distant_light(open_plotter):
     """Intensity I at 60° from the normal gives albedo · I/π · ½, emission is added, and the sum is encoded in sRGB."""
     material = ws.Material(diffuse_color=(0.5, 0.25, 0.8), emissive_color=(0.0, 0.1, 0.0))

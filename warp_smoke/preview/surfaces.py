@@ -1,12 +1,17 @@
 """Meshes of the set as VTK draws them: with their baked light, or with their material under the stage's lights."""
 
+from dataclasses import replace
+
 import numpy as np
 import pyvista as pv
 
 from warp_smoke.preview.color import expose_codes, linear_to_srgb, to_bytes
 from warp_smoke.record import value_at
-from warp_smoke.scene import Material, Surface
+from warp_smoke.scene import Material, Procedural, Surface, Texture
+from warp_smoke.shading.procedural import make_picture
 from warp_smoke.shading.textures import Picture
+
+COMPUTED_SIZE = 1024  # at most, of computed pictures [texels]
 
 _WRAPS = {
     "repeat": pv.Texture.WrapType.REPEAT,
@@ -50,11 +55,15 @@ class SurfaceActor:
         self.actor.prop.lighting = True
         self.actor.mapper.scalar_visibility = False
         self.actor.texture = None
-        self._lay_over(self.surface.mesh.uvs)
-        diffuse = np.asarray(material.diffuse_color)
-        if material.diffuse_texture is not None and self.surface.mesh.uvs is not None:
+        diffuse, uvs = np.asarray(material.diffuse_color), self.surface.mesh.uvs
+        if uvs is not None and material.procedural is not None:
             diffuse = np.ones(3)
-            self.actor.texture = _diffuse_texture(material)
+            self._lay_over(uvs)
+            self.actor.texture = _computed_texture(material.procedural)
+        elif uvs is not None and material.diffuse_texture is not None:
+            diffuse = np.ones(3)
+            self._lay_over(_laid_uvs(material.diffuse_texture, uvs))
+            self.actor.texture = _read_texture(material.diffuse_texture)
         self.actor.prop.SetDiffuseColor(*diffuse)
         self.actor.prop.SetAmbientColor(*(2.0**exposure * (diffuse * ambient + material.emissive_color)))
         self.actor.prop.ambient = self.actor.prop.diffuse = 1.0
@@ -118,14 +127,27 @@ def make_texture(pixels: np.ndarray, wrap: str) -> pv.Texture:
     return texture
 
 
-def _diffuse_texture(material: Material) -> pv.Texture:
-    """A material's diffuse texture, which VTK decodes to linear light as it draws.
+def _read_texture(source: Texture) -> pv.Texture:
+    """A diffuse texture from a file, which VTK decodes to linear light as it draws.
 
     Its wrap mode along s holds for both directions, since VTK has one for both.
     """
-    source = material.diffuse_texture
     picture = Picture.read(source.file, source.color_space)
     values = picture.levels[np.broadcast_to(picture.codes, (*picture.codes.shape[:2], 3))]
     texture = make_texture(linear_to_srgb(values * source.scale[:3] + source.bias[:3]), source.wrap_s)
     texture.UseSRGBColorSpaceOn()
     return texture
+
+
+def _computed_texture(procedural: Procedural) -> pv.Texture:
+    """A computed picture, likewise, of no more texels than a screen shows."""
+    texture = make_texture(make_picture(replace(procedural, size=min(procedural.size, COMPUTED_SIZE))).codes, "repeat")
+    texture.UseSRGBColorSpaceOn()
+    return texture
+
+
+def _laid_uvs(texture: Texture, uvs: np.ndarray) -> np.ndarray:
+    """Texture coordinates scaled, turned and moved as a texture's are."""
+    angle = np.radians(texture.uv_rotation)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])  # of rows
+    return (uvs * texture.uv_scale @ turn + texture.uv_translation).astype(np.float32)
