@@ -64,177 +64,133 @@ def _step_across_j(pressure: wp.array3d[float], i: int, j: int, k: int, lower: f
     return wp.where(j < n, a, 0.0) * q[i, wp.min(j, n - 1), k] - wp.where(j > 0, a, 0.0) * q[i, wp.max(j - 1, 0), k]
 
 
-@wp.kernel
-def _measure_divergence(
-    rows: Rows,
-    u: wp.array3d[float],
-    v: wp.array3d[float],
-    w: wp.array3d[float],
-    divergence_out: wp.array3d[float],
-):
-    """d_ijk = u_(i+1) − u_i + v_(j+1) − v_j + w_(k+1) − w_k."""
-    i, j, c = wp.tid()
-    i += rows.first
-    d = dense_store(divergence_out)
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, divergence_out.shape[2])
-    while k < end:
-        d[i, j, k] = bits(_outflow(u, v, w, i, j, k))
-        k += 1
+@wp.func
+def _whole(_share: wp.array3d[float], _i: int, _j: int, _k: int):
+    """Nothing is solid: 1."""
+    return 1.0
 
 
-@wp.kernel
-def _measure_fluid_divergence(
-    rows: Rows,
-    u: wp.array3d[float],
-    v: wp.array3d[float],
-    w: wp.array3d[float],
-    fluid: wp.array3d[float],
-    divergence_out: wp.array3d[float],
-):
-    """d_ijk = fluid_ijk (u_(i+1) − u_i + v_(j+1) − v_j + w_(k+1) − w_k)."""
-    i, j, c = wp.tid()
-    i += rows.first
-    f = dense(fluid)
-    d = dense_store(divergence_out)
-    k = wp.max(c * rows.run, 0)
-    end = wp.min(k + rows.run, divergence_out.shape[2])
-    while k < end:
-        d[i, j, k] = bits(f[i, j, k] * _outflow(u, v, w, i, j, k))
-        k += 1
+@wp.func
+def _open(share: wp.array3d[float], i: int, j: int, k: int):
+    """The open share of a face, or the fluid's of a cell."""
+    shares = dense(share)
+    return shares[i, j, k]
 
 
-@wp.kernel
-def _subtract_gradient(
-    rows: Rows,
-    pressure: wp.array3d[float],
-    lower: wp.vec3,
-    upper: wp.vec3,
-    u_inout: wp.array3d[float],
-    v_inout: wp.array3d[float],
-    w_inout: wp.array3d[float],
-):
-    """u_i −= a (q_i − q_(i−1)); a = 1 inside, 2 (open) or 0 (closed) on a side, with q = 0 outside. v, w alike."""
-    i, j, c = wp.tid()
-    i += rows.first
-    nx = pressure.shape[0]
-    ny = pressure.shape[1]
-    nz = pressure.shape[2]
-    q = dense(pressure)
-    u = dense(u_inout)
-    v = dense(v_inout)
-    w = dense(w_inout)
-    start = wp.max(c * rows.run, 0)
-    end = wp.min(start + rows.run, nz)
+def _divergence_kernel(share: wp.Function) -> wp.Kernel:
+    """Makes the kernel for cells that are `_whole`, whose fluid is not read, or `_open` as it says."""
 
-    if j < ny:
-        k = start
+    @wp.kernel(name=f"_measure_divergence{share.key}")
+    def measure(
+        rows: Rows,
+        u: wp.array3d[float],
+        v: wp.array3d[float],
+        w: wp.array3d[float],
+        fluid: wp.array3d[float],
+        divergence_out: wp.array3d[float],
+    ):
+        """d_ijk = fluid_ijk (u_(i+1) − u_i + v_(j+1) − v_j + w_(k+1) − w_k)."""
+        i, j, c = wp.tid()
+        i += rows.first
+        d = dense_store(divergence_out)
+        k = wp.max(c * rows.run, 0)
+        end = wp.min(k + rows.run, divergence_out.shape[2])
         while k < end:
-            u[i, j, k] = u[i, j, k] - _step_across_i(pressure, i, j, k, lower[0], upper[0])
+            d[i, j, k] = bits(share(fluid, i, j, k) * _outflow(u, v, w, i, j, k))
             k += 1
 
-    if i < nx:
-        k = start
+    return measure
+
+
+_measure_divergence, _measure_fluid_divergence = _divergence_kernel(_whole), _divergence_kernel(_open)
+
+
+def _gradient_kernel(share: wp.Function) -> wp.Kernel:
+    """Makes the kernel for faces that are `_whole`, whose shares are not read, or `_open` as they say."""
+
+    @wp.kernel(name=f"_subtract_gradient{share.key}")
+    def subtract(
+        rows: Rows,
+        pressure: wp.array3d[float],
+        lower: wp.vec3,
+        upper: wp.vec3,
+        wx: wp.array3d[float],
+        wy: wp.array3d[float],
+        wz: wp.array3d[float],
+        u_inout: wp.array3d[float],
+        v_inout: wp.array3d[float],
+        w_inout: wp.array3d[float],
+    ):
+        """u_i −= wx_i a (q_i − q_(i−1)), wx the open share of the face; v, w alike.
+
+        a = 1 inside, 2 (open) or 0 (closed) on a side, with q = 0 outside.
+        """
+        i, j, c = wp.tid()
+        i += rows.first
+        nx = pressure.shape[0]
+        ny = pressure.shape[1]
+        nz = pressure.shape[2]
+        q = dense(pressure)
+        u = dense(u_inout)
+        v = dense(v_inout)
+        w = dense(w_inout)
+        start = wp.max(c * rows.run, 0)
+        end = wp.min(start + rows.run, nz)
+
+        if j < ny:
+            k = start
+            while k < end:
+                step = _step_across_i(pressure, i, j, k, lower[0], upper[0])
+                u[i, j, k] = u[i, j, k] - share(wx, i, j, k) * step
+                k += 1
+
+        if i < nx:
+            k = start
+            while k < end:
+                step = _step_across_j(pressure, i, j, k, lower[1], upper[1])
+                v[i, j, k] = v[i, j, k] - share(wy, i, j, k) * step
+                k += 1
+
+        if i < nx and j < ny:
+            if start == 0:
+                w[i, j, 0] = w[i, j, 0] - share(wz, i, j, 0) * lower[2] * q[i, j, 0]
+            k = wp.max(start, 1)
+            while k < end:
+                w[i, j, k] = w[i, j, k] - share(wz, i, j, k) * (q[i, j, k] - q[i, j, k - 1])
+                k += 1
+            if start + rows.run > nz:
+                w[i, j, nz] = w[i, j, nz] + share(wz, i, j, nz) * upper[2] * q[i, j, nz - 1]
+
+    return subtract
+
+
+_subtract_gradient, _subtract_weighted_gradient = _gradient_kernel(_whole), _gradient_kernel(_open)
+
+
+def _seam_kernel(share: wp.Function) -> wp.Kernel:
+    """Makes the kernel for faces that are `_whole`, whose shares are not read, or `_open` as they say."""
+
+    @wp.kernel(name=f"_subtract_across_seam{share.key}")
+    def subtract(
+        rows: Rows, block: Block, pressure: wp.array3d[float], shares: wp.array3d[float], u_inout: wp.array3d[float]
+    ):
+        """Sets u −= w (q_after − q_before), the cells beside the face, w its open share."""
+        i, j, c = wp.tid()
+        i += rows.first + block.first[0]
+        j += block.first[1]
+        before = beside(pressure, block.before)
+        after = beside(pressure, block.after)
+        u = dense(u_inout)
+        k = wp.max(block.first[2] + c * rows.run, 0)
+        end = wp.min(k + rows.run, block.stop)
         while k < end:
-            v[i, j, k] = v[i, j, k] - _step_across_j(pressure, i, j, k, lower[1], upper[1])
+            u[i, j, k] = u[i, j, k] - share(shares, i, j, k) * (after[i, j, k] - before[i, j, k])
             k += 1
 
-    if i < nx and j < ny:
-        if start == 0:
-            w[i, j, 0] = w[i, j, 0] - lower[2] * q[i, j, 0]
-        k = wp.max(start, 1)
-        while k < end:
-            w[i, j, k] = w[i, j, k] - (q[i, j, k] - q[i, j, k - 1])
-            k += 1
-        if start + rows.run > nz:
-            w[i, j, nz] = w[i, j, nz] + upper[2] * q[i, j, nz - 1]
+    return subtract
 
 
-@wp.kernel
-def _subtract_weighted_gradient(
-    rows: Rows,
-    pressure: wp.array3d[float],
-    lower: wp.vec3,
-    upper: wp.vec3,
-    wx: wp.array3d[float],
-    wy: wp.array3d[float],
-    wz: wp.array3d[float],
-    u_inout: wp.array3d[float],
-    v_inout: wp.array3d[float],
-    w_inout: wp.array3d[float],
-):
-    """u_i −= wx_i a (q_i − q_(i−1)), a as in `_subtract_gradient`, wx the open share of the face. v, w alike."""
-    i, j, c = wp.tid()
-    i += rows.first
-    nx = pressure.shape[0]
-    ny = pressure.shape[1]
-    nz = pressure.shape[2]
-    q = dense(pressure)
-    ox = dense(wx)
-    oy = dense(wy)
-    oz = dense(wz)
-    u = dense(u_inout)
-    v = dense(v_inout)
-    w = dense(w_inout)
-    start = wp.max(c * rows.run, 0)
-    end = wp.min(start + rows.run, nz)
-
-    if j < ny:
-        k = start
-        while k < end:
-            u[i, j, k] = u[i, j, k] - ox[i, j, k] * _step_across_i(pressure, i, j, k, lower[0], upper[0])
-            k += 1
-
-    if i < nx:
-        k = start
-        while k < end:
-            v[i, j, k] = v[i, j, k] - oy[i, j, k] * _step_across_j(pressure, i, j, k, lower[1], upper[1])
-            k += 1
-
-    if i < nx and j < ny:
-        if start == 0:
-            w[i, j, 0] = w[i, j, 0] - oz[i, j, 0] * lower[2] * q[i, j, 0]
-        k = wp.max(start, 1)
-        while k < end:
-            w[i, j, k] = w[i, j, k] - oz[i, j, k] * (q[i, j, k] - q[i, j, k - 1])
-            k += 1
-        if start + rows.run > nz:
-            w[i, j, nz] = w[i, j, nz] + oz[i, j, nz] * upper[2] * q[i, j, nz - 1]
-
-
-@wp.kernel
-def _subtract_across_seam(rows: Rows, block: Block, pressure: wp.array3d[float], u_inout: wp.array3d[float]):
-    """Sets u −= q_after − q_before, the cells beside the face."""
-    i, j, c = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    before = beside(pressure, block.before)
-    after = beside(pressure, block.after)
-    u = dense(u_inout)
-    k = wp.max(block.first[2] + c * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        u[i, j, k] = u[i, j, k] - (after[i, j, k] - before[i, j, k])
-        k += 1
-
-
-@wp.kernel
-def _subtract_weighted_across_seam(
-    rows: Rows, block: Block, pressure: wp.array3d[float], share: wp.array3d[float], u_inout: wp.array3d[float]
-):
-    """Sets u −= w (q_after − q_before), the cells beside the face, w its open share."""
-    i, j, c = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    before = beside(pressure, block.before)
-    after = beside(pressure, block.after)
-    w = dense(share)
-    u = dense(u_inout)
-    k = wp.max(block.first[2] + c * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        u[i, j, k] = u[i, j, k] - w[i, j, k] * (after[i, j, k] - before[i, j, k])
-        k += 1
+_subtract_across_seam, _subtract_weighted_across_seam = _seam_kernel(_whole), _seam_kernel(_open)
 
 
 @wp.kernel
@@ -287,7 +243,7 @@ def measure_divergence(launcher: Launcher, velocity: tuple[wp.array, wp.array, w
         velocity: u, v, w on faces [m/s].
         divergence: [nx, ny, nz] [m/s], written.
     """
-    launcher.launch(_measure_divergence, divergence.shape, *velocity, divergence)
+    launcher.launch(_measure_divergence, divergence.shape, *velocity, None, divergence)
 
 
 def measure_fluid_divergence(
@@ -316,10 +272,10 @@ def subtract_gradient(
         velocity: u, v, w on faces [m/s], changed.
     """
     weights = side_weights(closed_ends(sides))
-    launcher.launch(_subtract_gradient, corners(pressure.shape), pressure, *weights, *velocity)
+    launcher.launch(_subtract_gradient, corners(pressure.shape), pressure, *weights, None, None, None, *velocity)
     for axis, component in enumerate(velocity):
         for shape, block in seam_faces(pressure.shape, sides, axis):
-            launcher.launch(_subtract_across_seam, shape, block, pressure, component)
+            launcher.launch(_subtract_across_seam, shape, block, pressure, None, component)
 
 
 def subtract_fluid_gradient(
