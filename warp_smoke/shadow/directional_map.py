@@ -81,6 +81,17 @@ def in_umbra(m: DirectionalMap, point: wp.vec3, normal: wp.vec3, cosine: float, 
     return found
 
 
+@wp.func
+def share_of_taps(m: DirectionalMap, taps: Taps, point: wp.vec3, normal: wp.vec3, cosine: float, reach: float):
+    """The share of a filter's taps that are lit, the filter being 2 · reach wide."""
+    lit = wp.float32(0.0)
+    for k in range(taps.offsets.shape[0]):
+        o = reach * taps.offsets[k]
+        if nearest_of_texel(m, point, normal, cosine, o) <= stored_depth(m, point + o):
+            lit += 1.0
+    return lit / float(taps.offsets.shape[0])
+
+
 @wp.kernel
 def _filter_taps(
     rows: Rows,
@@ -100,13 +111,10 @@ def _filter_taps(
         visible = wp.float32(1.0)
         if wp.dot(p, m.direction) <= m.far and may_be_shadowed(mask, p):
             reach = taps.radius * (1.0 + taps.growth * wp.length(p - taps.eye)) + taps.texels * m.texel
-            lit = wp.float32(0.0)
-            if not in_umbra(m, p, normals[n], cosine, _FARTHEST_TAP * reach):
-                for k in range(taps.offsets.shape[0]):
-                    o = reach * taps.offsets[k]
-                    if nearest_of_texel(m, p, normals[n], cosine, o) <= stored_depth(m, p + o):
-                        lit += 1.0
-            visible = lit / float(taps.offsets.shape[0])
+            if in_umbra(m, p, normals[n], cosine, _FARTHEST_TAP * reach):
+                visible = wp.float32(0.0)
+            else:
+                visible = share_of_taps(m, taps, p, normals[n], cosine, reach)
     visibility_out[n] = visible
 
 
@@ -145,12 +153,7 @@ def _filter_penumbra(
                         total += stored
             if blockers > 0.0:
                 reach = wp.max(spread * (d - total / blockers), smallest)
-                lit = wp.float32(0.0)
-                for k in range(taps.offsets.shape[0]):
-                    o = reach * taps.offsets[k]
-                    if nearest_of_texel(m, p, normals[n], cosine, o) <= stored_depth(m, p + o):
-                        lit += 1.0
-                visible = lit / float(taps.offsets.shape[0])
+                visible = share_of_taps(m, taps, p, normals[n], cosine, reach)
     visibility_out[n] = visible
 
 
