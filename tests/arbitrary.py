@@ -155,6 +155,7 @@ ALLOWED = {
         "source": st.sampled_from(SOURCES),
         "noise": shares,
         "noise_scale": st.none() | powers(-9, 6),
+        "turbulence": amounts,
         "enabled": _over_time(switches),
     },
     ws.Collider: {

@@ -131,6 +131,7 @@ emitter_fields = optional(
     source=st.sampled_from(kinds.SOURCES),
     noise=numbers(0, 1),
     noise_scale=positive,
+    turbulence=not_negative,
     enabled=st.booleans() | changing(st.booleans()),
 )
 

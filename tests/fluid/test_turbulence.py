@@ -7,7 +7,8 @@ import pytest
 from scenes import plume
 from staggered import CLOSED, OPEN, SLAB, lattice_of
 
-from warp_smoke import make_plan
+from warp_smoke import Emitter, Mesh, Samples, make_plan
+from warp_smoke.fluid.emitters import Interval, Source
 from warp_smoke.fluid.grid import face_shape
 from warp_smoke.fluid.solver import SmokeSolver
 from warp_smoke.fluid.turbulence import PEAK, Turbulence
@@ -18,7 +19,9 @@ def _force(launcher, n=32, voxel_size=1 / 32, scale=0.25, strength=2.0, time=0.3
     """The acceleration on the faces of a box."""
     lattice = lattice_of((n, n, n), voxel_size=voxel_size)
     velocity = tuple(launcher.zeros(face_shape((n, n, n), axis), "test") for axis in range(3))
-    Turbulence(launcher, lattice, strength, scale).add(velocity, time, 1.0)
+    turbulence = Turbulence(launcher, lattice, strength, scale)
+    turbulence.turn(time)
+    turbulence.add(velocity, strength, 1.0)
     return [component.numpy().astype(float) for component in velocity]
 
 
@@ -35,7 +38,9 @@ def test_fits_around_periodic_axes(launcher):
     shape = (20, 24, 17)
     lattice = lattice_of(shape, SLAB, voxel_size=1 / 20)
     velocity = tuple(launcher.zeros(face_shape(shape, axis), "test") for axis in range(3))
-    Turbulence(launcher, lattice, 1.0, 0.3).add(velocity, 0.3, 1.0)  # 3.33 and 2.83 eddies would not fit
+    turbulence = Turbulence(launcher, lattice, 1.0, 0.3)  # 3.33 and 2.83 eddies would not fit
+    turbulence.turn(0.3)
+    turbulence.add(velocity, 1.0, 1.0)
     u, v, w = (component.numpy().astype(float) for component in velocity)
     np.testing.assert_array_equal(u[0], u[-1])
     np.testing.assert_array_equal(w[..., 0], w[..., -1])
@@ -69,6 +74,42 @@ def test_changes_in_time_and_is_repeatable(launcher):
     now, again, soon, later = (_force(launcher, time=time)[1] for time in (0.3, 0.3, 0.31, 1.3))
     np.testing.assert_array_equal(now, again)
     assert np.abs(soon - now).mean() < 0.2 * np.abs(now).mean() < np.abs(later - now).mean()
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.55, -0.3, 0.0)], ids=["inside", "across a side"])
+def test_emitter_stirs_the_air_inside_it(launcher, place):
+    """The force is that of the whole domain on faces between cells inside, half of it on its border, else nothing."""
+    shape, lattice = (16, 16, 16), lattice_of((16, 16, 16), voxel_size=1 / 16)
+    lower = np.round(16 * (np.array([0.25, 0.375, 0.5]) + place)).astype(int)
+    inside = np.zeros(shape)
+    inside[tuple(slice(max(0, n), n + 5) for n in lower)] = 1.0
+    emitter = Emitter(path="/Source", mesh=Mesh.box(5 / 16, lower=lower / 16), turbulence=3.0)
+    source, turbulence = Source(launcher, lattice, emitter), Turbulence(launcher, lattice, 3.0, 0.25)
+    source.place(Interval(1.0, 1.0, 0.0))
+    forces = [tuple(launcher.zeros(face_shape(shape, axis), "test") for axis in range(3)) for _ in range(2)]
+    turbulence.turn(0.3)
+    turbulence.add(forces[0], 3.0, 0.5)
+    turbulence.add_inside(source, forces[1], 3.0, 0.5)
+    for axis, (everywhere, there) in enumerate(zip(*forces, strict=True)):
+        pads = [(int(a == axis),) * 2 for a in range(3)]
+        padded = np.moveaxis(np.pad(inside, pads), axis, 0)
+        share = np.moveaxis(0.5 * (padded[1:] + padded[:-1]), 0, axis)
+        np.testing.assert_allclose(there.numpy(), share * everywhere.numpy(), rtol=1e-5, atol=1e-6)
+        assert there.numpy().any()
+
+
+def test_emitter_stirs_while_it_is_on(launcher):
+    """An emitter with turbulence alone moves the air from the frame on in which it is switched on."""
+    scene = plume()
+    source = replace(scene.emitters[0], turbulence=2.0, enabled=Samples([1.0, 3.0], [False, True]))
+    still = replace(scene.domains[0], buoyancy_temperature=0.0)
+    (plan,) = make_plan(replace(scene, domains=[still], emitters=[source])).domains
+    assert "stir_air" in plan.passes
+    solver = SmokeSolver(launcher, plan, Timings(launcher))
+    solver.begin(1)
+    speeds = [solver.advance(frame, frame + 1, 1 / 12).speed for frame in (1, 2, 3)]
+    assert speeds[0] == 0.0
+    assert speeds[2] > speeds[1] > 0.0
 
 
 @pytest.mark.parametrize("boundary", [OPEN, CLOSED], ids=["open", "closed"])

@@ -65,7 +65,10 @@ class ArraySource:
 
     Attributes:
         pushes: whether it gives the air a velocity.
+        turbulence: none.
     """
+
+    turbulence = 0.0
 
     def __init__(self, launcher: Launcher, lattice: Lattice, emitter: ArrayEmitter):
         """Takes in the arrays; copies those that are not on the device.

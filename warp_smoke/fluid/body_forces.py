@@ -1,7 +1,10 @@
 """The forces on the air of a domain: vorticity confinement, buoyancy and turbulence, those that the plan calls for."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from warp_smoke.fluid.array_source import ArraySource
+from warp_smoke.fluid.emitters import Source
 from warp_smoke.fluid.forces import Buoyancy
 from warp_smoke.fluid.measures import Measures
 from warp_smoke.fluid.state import SmokeState
@@ -17,7 +20,14 @@ if TYPE_CHECKING:
 class BodyForces:
     """The forces of one domain."""
 
-    def __init__(self, launcher: Launcher, plan: "DomainPlan", timings: Timings, measures: Measures):
+    def __init__(
+        self,
+        launcher: Launcher,
+        plan: "DomainPlan",
+        timings: Timings,
+        measures: Measures,
+        sources: Sequence[Source | ArraySource],
+    ):
         """Allocates what the plan's forces need.
 
         Args:
@@ -25,13 +35,16 @@ class BodyForces:
             plan: the domain, its lattice and what runs in it.
             timings: takes the time of each pass.
             measures: of the same lattice.
+            sources: the emitters, of which some may stir the air.
         """
         self._timings, self._domain, lattice = timings, plan.domain, plan.lattice
         self._buoyancy = self._turbulence = self._confinement = None
         if "add_buoyancy" in plan.passes:
             self._buoyancy = Buoyancy(launcher, lattice.shape, lattice.sides, lattice.up)
-        if "stir_air" in plan.passes and plan.domain.turbulence:
-            self._turbulence = Turbulence(launcher, lattice, plan.domain.turbulence, plan.domain.turbulence_scale)
+        self._stirring = [each for each in sources if each.turbulence]
+        self._strength = plan.domain.turbulence + sum(each.turbulence for each in self._stirring)
+        if "stir_air" in plan.passes and self._strength:
+            self._turbulence = Turbulence(launcher, lattice, self._strength, plan.domain.turbulence_scale)
         if "confine_vorticity" in plan.passes:
             self._confinement = VorticityConfinement(launcher, lattice.shape, lattice.sides, lattice.h, measures)
 
@@ -56,7 +69,7 @@ class BodyForces:
                 self._lift(state, dt)
         if self._turbulence:
             with self._timings.measure("stir_air"):
-                self._turbulence.add(state.velocity, end * dt / (end - start), dt)
+                self._stir(state, start, end, dt)
         return share
 
     def _lift(self, state: SmokeState, dt: float) -> None:
@@ -66,6 +79,14 @@ class BodyForces:
         if domain.buoyancy_temperature and state.temperature is not None:
             strength = domain.buoyancy_temperature * dt
             self._buoyancy.add(state.temperature, domain.ambient_temperature, strength, state.velocity)
+
+    def _stir(self, state: SmokeState, start: float, end: float, dt: float) -> None:
+        self._turbulence.turn(end * dt / (end - start))
+        if self._domain.turbulence:
+            self._turbulence.add(state.velocity, self._domain.turbulence, dt)
+        for source in self._stirring:
+            if source.acts(end):
+                self._turbulence.add_inside(source, state.velocity, source.turbulence, dt)
 
     def acceleration(self, density: float, temperature: float) -> float:
         """The largest acceleration by buoyancy and turbulence, or a little more [m/s²].
@@ -78,5 +99,5 @@ class BodyForces:
         if self._buoyancy:
             acceleration += abs(domain.buoyancy_density) * density + abs(domain.buoyancy_temperature) * temperature
         if self._turbulence:
-            acceleration += PEAK * domain.turbulence
+            acceleration += PEAK * self._strength
         return acceleration

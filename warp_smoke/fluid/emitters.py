@@ -64,7 +64,7 @@ def _add(rows: Rows, lower: wp.vec3i, fraction: wp.array3d[float], amount: float
 
 
 @wp.func
-def _inside(a: wp.array3d[float], i: int, j: int, k: int):
+def inside(a: wp.array3d[float], i: int, j: int, k: int):
     """The value of a, or 0 outside of its cells."""
     value = wp.float32(0.0)
     if i >= 0 and j >= 0 and k >= 0 and i < a.shape[0] and j < a.shape[1] and k < a.shape[2]:
@@ -94,8 +94,8 @@ def _push(
     k = wp.max(faces.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, faces.stop)
     while k < end:
-        before = _inside(fraction, i - faces.before[0], j - faces.before[1], k - faces.before[2])
-        share = 0.5 * (before + _inside(fraction, i, j, k))
+        before = inside(fraction, i - faces.before[0], j - faces.before[1], k - faces.before[2])
+        share = 0.5 * (before + inside(fraction, i, j, k))
         u = u_inout[lower[0] + i, lower[1] + j, lower[2] + k]
         u_inout[lower[0] + i, lower[1] + j, lower[2] + k] = _farther(share * velocity, u)
         k += 1
@@ -122,8 +122,8 @@ def _drag(
         x = i - faces.before[0]
         y = j - faces.before[1]
         z = k - faces.before[2]
-        given = _inside(fraction, x, y, z) * (velocity + inherit * _inside(surface, x, y, z))
-        given += _inside(fraction, i, j, k) * (velocity + inherit * _inside(surface, i, j, k))
+        given = inside(fraction, x, y, z) * (velocity + inherit * inside(surface, x, y, z))
+        given += inside(fraction, i, j, k) * (velocity + inherit * inside(surface, i, j, k))
         u = u_inout[lower[0] + i, lower[1] + j, lower[2] + k]
         u_inout[lower[0] + i, lower[1] + j, lower[2] + k] = _farther(0.5 * given, u)
         k += 1
@@ -173,6 +173,7 @@ class Source:
 
     Attributes:
         pushes: whether it gives the air a velocity.
+        turbulence: root mean square of the force that stirs the air inside it [m/s²].
     """
 
     def __init__(self, launcher: Launcher, lattice: Lattice, emitter: Emitter):
@@ -193,6 +194,7 @@ class Source:
         self._share = EmitterShare(launcher, lattice, emitter, self._voxels) if emitter.is_partial else None
         self._inherits = self._voxels.moves and emitter.inherit_velocity != 0.0
         self.pushes = self._inherits or bool(np.any(each_value(emitter.velocity)))
+        self.turbulence = emitter.turbulence
 
     def sweep(self, start: float, end: float, dt: float) -> list[Interval]:
         """Divides a step so that the emitter moves about a cell in each part, and leaves no gaps.
@@ -224,7 +226,7 @@ class Source:
         emitter, middle = self._emitter, interval.middle
         if emitter.rate is None:
             self._hold(interval.end, density, value_at(emitter.density, interval.end), 0.0)
-        elif self._acts(middle):
+        elif self.acts(middle):
             amount = value_at(emitter.rate, middle) * value_at(emitter.density, middle) * interval.dt
             amount *= self._voxels.volume_ratio()
             for lower, fraction in self._smoke():
@@ -247,12 +249,12 @@ class Source:
             interval: from `sweep`.
             velocity: u, v, w on faces along the lattice's axes [m/s], changed.
         """
-        if not self._acts(interval.end):
+        if not self.acts(interval.end):
             return
         given = self._lattice.axes @ np.asarray(value_at(self._emitter.velocity, interval.end))
         for axis, component in enumerate(velocity):
-            for lower, (shape, faces) in self._faces(axis):
-                place = lower, self._voxels.fraction
+            for lower, fraction, (shape, faces) in self.faces(axis):
+                place = lower, fraction
                 if self._inherits:
                     surface = self._voxels.velocity[axis]
                     args = (*place, surface, self._emitter.inherit_velocity, float(given[axis]), component)
@@ -260,7 +262,8 @@ class Source:
                 elif given[axis]:
                     self._launcher.launch(_push, shape, faces, *place, float(given[axis]), component)
 
-    def _acts(self, time: float) -> bool:
+    def acts(self, time: float) -> bool:
+        """Whether it is on at a time code, and in the domain."""
         return 0 not in self._voxels.shape and bool(value_at(self._emitter.enabled, time))
 
     def _smoke(self) -> Iterator[tuple[wp.vec3i, wp.array]]:
@@ -288,14 +291,15 @@ class Source:
         return [span for span in spans if span[0] < span[1]]
 
     def _hold(self, time: float, field: wp.array, value: float, ambient: float) -> None:
-        if self._acts(time):
+        if self.acts(time):
             for lower, fraction in self._smoke():
                 self._launcher.launch(_hold, fraction.shape, lower, fraction, float(value), ambient, field)
 
-    def _faces(self, axis: int) -> Iterator[tuple[wp.vec3i, Patch]]:
+    def faces(self, axis: int) -> Iterator[tuple[wp.vec3i, wp.array, Patch]]:
         """Faces of the box across an axis, numbered within it, without those on closed sides of the domain.
 
-        For each part that is in the domain: the number there of the box's first cell, and the faces.
+        For each part that is in the domain: the number there of the box's first cell, the share of each cell of the box
+        that is inside, and the faces.
         """
         n, (low, high) = self._lattice.shape[axis], self._lattice.sides[2 * axis : 2 * axis + 2]
         unit = tuple(int(a == axis) for a in range(3))
@@ -305,4 +309,4 @@ class Source:
             left_out = int(end[axis] + shift[axis] == n + 1 and high == "closed")
             start = tuple(a + skipped * step for a, step in zip(first, unit, strict=True))
             shape = tuple(b - a - left_out * step for a, b, step in zip(start, end, unit, strict=True))
-            yield wp.vec3i(*shift), make_patch(start, shape, unit, (0, 0, 0))
+            yield wp.vec3i(*shift), self._voxels.fraction, make_patch(start, shape, unit, (0, 0, 0))

@@ -70,7 +70,7 @@ class SmokeSolver:
         self._flows, measures, divergence = self._has("project_pressure"), None, None
         if self._flows:
             measures = Measures(launcher, shape)
-            self._forces = BodyForces(launcher, plan, timings, measures)
+            self._forces = BodyForces(launcher, plan, timings, measures, self._sources)
             self._projection = PressureProjection(launcher, plan, self.solids)
             divergence = self._projection.divergence
         self._guard = Guard(plan, timings, self.state, measures, divergence)

@@ -1,4 +1,4 @@
-"""Turbulence: a force without divergence that stirs all air, the curl of noise.
+"""Turbulence: a force without divergence that stirs all air, or that inside of emitters, the curl of noise.
 
 R. Bridson, J. Hourihan, M. Nordenstam, *Curl-Noise for Procedural Fluid Flow*, 2007. The potential's components are
 gradient noise (K. Perlin, *Improving Noise*, 2002) on the edges of the cells, so the curl on their faces is free of
@@ -16,7 +16,8 @@ import numpy as np
 import warp as wp
 
 from warp_smoke.fluid.eddies import place_eddies
-from warp_smoke.fluid.grid import beside
+from warp_smoke.fluid.emitters import Source, inside
+from warp_smoke.fluid.grid import Block, beside
 from warp_smoke.fluid.halo import join_seams
 from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
@@ -161,6 +162,37 @@ def _stir(
         k += 1
 
 
+@wp.kernel
+def _stir_inside(
+    rows: Rows,
+    faces: Block,
+    lower: wp.vec3i,
+    fraction: wp.array3d[float],
+    first: wp.vec3i,
+    second: wp.vec3i,
+    b: wp.array3d[float],
+    c: wp.array3d[float],
+    strength: float,
+    u_inout: wp.array3d[float],
+):
+    """Curl as in `_stir`, times the mean share of the cells beside the face that is inside."""
+    i, j, n = wp.tid()
+    i += rows.first + faces.first[0]
+    j += faces.first[1]
+    k = wp.max(faces.first[2] + n * rows.run, 0)
+    end = wp.min(k + rows.run, faces.stop)
+    while k < end:
+        before = inside(fraction, i - faces.before[0], j - faces.before[1], k - faces.before[2])
+        share = 0.5 * (before + inside(fraction, i, j, k))
+        x = lower[0] + i
+        y = lower[1] + j
+        z = lower[2] + k
+        curl = c[x + first[0], y + first[1], z + first[2]] - c[x, y, z]
+        curl -= b[x + second[0], y + second[1], z + second[2]] - b[x, y, z]
+        u_inout[x, y, z] = u_inout[x, y, z] + share * strength * curl
+        k += 1
+
+
 class Turbulence:
     """The force in one domain."""
 
@@ -170,10 +202,10 @@ class Turbulence:
         Args:
             launcher: where it runs.
             lattice: cells of the domain.
-            strength: root mean square of the acceleration [m/s²].
+            strength: root mean square of the acceleration [m/s²]; the largest one if it is not the same everywhere.
             scale: size of the eddies [m], at least two cells; None = an eighth of the domain's longest side.
         """
-        self._launcher, self._strength = launcher, strength
+        self._launcher = launcher
         eddies = place_eddies(lattice, scale)
         self._scale, self._rings = eddies.scale, eddies.rings
         # An eddy changes in the time in which the force moves air across it.
@@ -197,13 +229,11 @@ class Turbulence:
                 drawn.assign(drawn.numpy()[again])
         return first, second, spin
 
-    def add(self, velocity: tuple, time: float, dt: float) -> None:
-        """Adds dt times the force.
+    def turn(self, time: float) -> None:
+        """Makes the noise of a time.
 
         Args:
-            velocity: u, v, w on faces [m/s], changed.
             time: of the smoke [s].
-            dt: [s].
         """
         launch, gradient, ramps = self._launcher.launch, self._gradient, self._ramps
         for axis, (drawn, potential) in enumerate(zip(self._drawn, self._potential, strict=True)):
@@ -211,9 +241,38 @@ class Turbulence:
             launch(_turn_gradients, gradient.shape, *drawn, time / self._lasts, gradient)
             launch(_blend_across, ramps[0].shape, gradient, middle, self._scales, *ramps)
             launch(_fill_potential, potential.shape, *ramps, middle[2], self._scales[2], potential)
-        strength = self._strength * dt * self._scale / _MEAN_CURL
+
+    def add(self, velocity: tuple, strength: float, dt: float) -> None:
+        """Adds dt times the force.
+
+        Args:
+            velocity: u, v, w on faces [m/s], changed.
+            strength: root mean square of the acceleration [m/s²].
+            dt: [s].
+        """
         for axis, component in enumerate(velocity):
-            b, c = (axis + 1) % 3, (axis + 2) % 3
-            args = (self._axes[b], self._axes[c], self._potential[b], self._potential[c], strength, component)
-            launch(_stir, component.shape, *args)
+            self._launcher.launch(_stir, component.shape, *self._noise(axis), self._gain(strength, dt), component)
         join_seams(self._launcher, *self._place, velocity)
+
+    def add_inside(self, source: Source, velocity: tuple, strength: float, dt: float) -> None:
+        """Likewise inside of an emitter, as far as its cells and faces are; nothing on closed sides.
+
+        Args:
+            source: the emitter where it stands.
+            velocity: u, v, w on faces [m/s], changed.
+            strength: root mean square of the acceleration [m/s²].
+            dt: [s].
+        """
+        for axis, component in enumerate(velocity):
+            for lower, fraction, (shape, faces) in source.faces(axis):
+                args = (faces, lower, fraction, *self._noise(axis), self._gain(strength, dt), component)
+                self._launcher.launch(_stir_inside, shape, *args)
+        join_seams(self._launcher, *self._place, velocity)
+
+    def _noise(self, axis: int) -> tuple:
+        """The next two axes in turn, and the components of the potential along them."""
+        b, c = (axis + 1) % 3, (axis + 2) % 3
+        return self._axes[b], self._axes[c], self._potential[b], self._potential[c]
+
+    def _gain(self, strength: float, dt: float) -> float:
+        return strength * dt * self._scale / _MEAN_CURL

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from warp_smoke.lattice import Lattice, place_lattice
-from warp_smoke.plan.participants import find_colliders, find_emitters, heats, pushes, weighs
+from warp_smoke.plan.participants import find_colliders, find_emitters, heats, pushes, stirs, weighs
 from warp_smoke.plan.passes import DomainPlan, Ledger, When
 from warp_smoke.plan.reach import is_moving
 from warp_smoke.record import FieldError
@@ -122,8 +122,12 @@ class _Smoke:
 
     @property
     def flows(self) -> bool:
-        forced = self.is_buoyant or self.is_windy or self.domain.turbulence or self.stirred_by
+        forced = self.is_buoyant or self.is_windy or self.is_turbulent or self.stirred_by
         return bool(forced or self.pushing or self.stirring)
+
+    @property
+    def is_turbulent(self) -> bool:
+        return self.domain.turbulence > 0 or any(stirs(each) for each in self.emitters)
 
 
 def _choose_sources(smoke: _Smoke) -> Iterator[_Choice]:
@@ -159,8 +163,9 @@ def _choose_forces(smoke: _Smoke) -> Iterator[_Choice]:
     why = "smoke is hotter or colder than the air" if smoke.rises_by_heat else "smoke has weight"
     why_not = "no emitter makes smoke that buoyancy acts on"
     yield _Choice("add_buoyancy", smoke.is_buoyant, why, why_not, "velocity")
-    why = f"turbulence is {domain.turbulence:g} m/s²"
-    yield _Choice("stir_air", domain.turbulence, why, "turbulence is 0", "velocity")
+    stirring = [f"that of {each.path} {each.turbulence:g} m/s²" for each in smoke.emitters if stirs(each)]
+    why = ", ".join([f"turbulence is {domain.turbulence:g} m/s²", *stirring])
+    yield _Choice("stir_air", smoke.is_turbulent, why, "turbulence is 0", "velocity")
     why, why_not = f"vorticity is {domain.vorticity:g}", _STILL if domain.vorticity else "vorticity is 0"
     yield _Choice("confine_vorticity", smoke.flows and domain.vorticity, why, why_not, "velocity")
 

@@ -31,6 +31,11 @@ def pushes(emitter: Emitter | ArrayEmitter) -> bool:
     return bool(np.any(each_value(emitter.velocity)) or (emitter.inherit_velocity and is_moving(emitter)))
 
 
+def stirs(emitter: Emitter | ArrayEmitter) -> bool:
+    """Whether it stirs the air inside it."""
+    return isinstance(emitter, Emitter) and emitter.turbulence > 0.0
+
+
 def _covers(record: ArrayEmitter | ArrayCollider, domain: SmokeDomain, lattice: Lattice) -> bool:
     """Whether a record's arrays are meant for a domain.
 

@@ -175,6 +175,7 @@ class Emitter(Prim):
         source: volume (all that is inside) or surface (a skin one voxel thick).
         noise: how uneven density and temperature are, in space and time: 0 even, 1 down to nothing.
         noise_scale: size of the noise's features [stage units]; None = a quarter of the emitter's longest side.
+        turbulence: force that stirs the air inside it, root mean square [m/s²], with the domain's `turbulence_scale`.
         enabled: may change.
     """
 
@@ -187,6 +188,7 @@ class Emitter(Prim):
     source: str = "volume"
     noise: float = 0.0
     noise_scale: float | None = None
+    turbulence: float = 0.0
     enabled: bool | Samples = True
 
     def __post_init__(self):
@@ -199,7 +201,7 @@ class Emitter(Prim):
         if self.rate is not None:
             self._check(at_least, "rate")
         self._check(one_of, "source", allowed=SOURCES)
-        self._check(at_least, "noise")
+        self._check(at_least, "noise", "turbulence")
         if self.noise > 1:
             raise FieldError(self.path, "noise", self.noise, "0 to 1")
         if self.noise_scale is not None:
