@@ -5,13 +5,14 @@
 The smoke is a plume in a closed box, some frames old, with vorticity confinement; with a collider, a sphere stands
 in its way. Each figure is the median over steps, next to the bandwidth that copying memory reaches in the same run:
 what a pass reads and writes at least, at that bandwidth, is the least time that it can take. What launching its kernels
-costs is measured too.
+costs is measured too, and what the samples cost that it takes between the cells, from fields in the cache.
 """
 
 import json
 import sys
 from collections import Counter
 from contextlib import contextmanager
+from math import prod
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -21,7 +22,9 @@ from rich.console import Console
 from rich.table import Column, Table
 
 import warp_smoke as ws
+from warp_smoke.fluid.advection import SemiLagrangian
 from warp_smoke.fluid.dissipation import decay
+from warp_smoke.fluid.grid import face_shape
 from warp_smoke.launch import Launcher
 from warp_smoke.report import environment
 from warp_smoke.study.disclosure import copy_bandwidth, processor
@@ -39,6 +42,8 @@ LEAST_FIELDS = {
     "fit_active_box": 2,  # density and temperature read
     "add_buoyancy": 3,  # temperature read, one component of the velocity read and written
 }
+# Trilinear samples of eight neighbours that kernels take for each of their cells.
+SAMPLES = {"trace_by_midpoint": 3, "_guess": 1, "corrected_clamped": 1, "corrected_reverted": 1}
 # Which cells are fluid, and the open shares of the faces, beside a collider.
 LEAST_FIELDS_OF_SOLIDS = {"project_pressure": 4, "advect_velocity": 4}
 
@@ -62,13 +67,13 @@ def benchmark_scene(resolution: int, collider: bool) -> ws.Scene:
     return ws.Scene(domains=[domain], emitters=[emitter], colliders=[ball] if collider else [], end=10**6)
 
 
-def time_passes(resolution: int, threads: int, collider: bool) -> tuple[dict[str, float], dict[str, float]]:
-    """Median ns per cell and step of each pass, and of the whole step; and kernels that each pass launches a step."""
+def time_passes(resolution: int, threads: int, collider: bool) -> dict[str, dict[str, float]]:
+    """Median ns per cell and step of each pass and of the whole step; launches a step; samples per cell and step."""
     simulation = ws.Simulation(benchmark_scene(resolution, collider), threads=threads)
     solver, seconds = simulation.solver(), simulation.timings.seconds
     for _ in range(WARM_UP):
         simulation.step()
-    launches = count_launches(simulation)
+    launches, sampled = count_work(simulation)
     frame, samples = float(simulation.frame), []
     for _ in range(STEPS):
         before, began = dict(seconds), perf_counter()
@@ -78,22 +83,52 @@ def time_passes(resolution: int, threads: int, collider: bool) -> tuple[dict[str
         samples.append({name: seconds[name] - before.get(name, 0.0) for name in seconds} | {"whole step": whole})
     cells = resolution**3
     figures = {name: 1e9 * median(s.get(name, 0.0) for s in samples) / cells for name in samples[0]}
-    return figures, {name: count / STEPS for name, count in launches.items()}
+    return {
+        "ns_per_cell": figures,
+        "launches": {name: count / STEPS for name, count in launches.items()},
+        "samples": {name: count / STEPS / cells for name, count in sampled.items()},
+    }
 
 
-def count_launches(simulation: ws.Simulation) -> Counter:
-    """Counts the kernels that each pass launches from now on."""
-    counts, measure, launched = Counter(), simulation.timings.measure, simulation.launcher.launches
+def count_work(simulation: ws.Simulation) -> tuple[Counter, Counter]:
+    """Counts from now on, by pass, the kernels that are launched and the samples that they take."""
+    launches, samples, passes = Counter(), Counter(), []
+    measure, launch, launched = simulation.timings.measure, simulation.launcher.launch, simulation.launcher.launches
 
     @contextmanager
     def measure_and_count(name: str):
         before = launched.total()
+        passes.append(name)
         with measure(name):
             yield
-        counts[name] += launched.total() - before
+        passes.pop()
+        launches[name] += launched.total() - before
 
-    simulation.timings.measure = measure_and_count
-    return counts
+    def launch_and_count(kernel, shape: tuple[int, int, int], *args):
+        if kernel.key in SAMPLES:
+            samples[passes[-1]] += SAMPLES[kernel.key] * prod(shape)
+        launch(kernel, shape, *args)
+
+    simulation.timings.measure, simulation.launcher.launch = measure_and_count, launch_and_count
+    return launches, samples
+
+
+def sample_cost() -> float:
+    """Time that finding the end of a trace and sampling a field there takes on one thread, all in the cache [ns]."""
+    launcher, shape, count = Launcher("cpu", 1), (16, 16, 128), 200
+    advection, random = SemiLagrangian(launcher, shape, ("closed",) * 6), np.random.default_rng(1)
+    velocity = [
+        launcher.array(random.uniform(-1, 1, face_shape(shape, axis)).astype(np.float32), "benchmark")
+        for axis in range(3)
+    ]
+    field = launcher.array(random.uniform(0, 1, shape).astype(np.float32), "benchmark")
+    advection.trace(velocity, 1.0)
+    seconds = []
+    for _ in range(count):
+        began = perf_counter()
+        field = advection.advect_scalar(field, 0.0)
+        seconds.append(perf_counter() - began)
+    return 1e9 * median(seconds) / prod(shape)
 
 
 def launch_cost() -> float:
@@ -108,16 +143,18 @@ def launch_cost() -> float:
     return 1e6 * (perf_counter() - began) / count
 
 
-def limits(row: dict, bandwidth: float, launch: float) -> list[str]:
+def limits(row: dict, facts: dict) -> list[str]:
     """How far each pass of a case is from what limits it, as rows of a Markdown table."""
     lines = []
     for name, least in LEAST_FIELDS.items():
         fields = least + LEAST_FIELDS_OF_SOLIDS.get(name, 0) * row["collider"]
         spent = row["ns_per_cell"].get(name, 0.0)
-        bound = 4 * fields / bandwidth
-        launching = 1e3 * launch * row["launches"].get(name, 0.0) / row["resolution"] ** 3
-        figures = f"{fields} | {bound:.1f} | {spent:.1f} | {spent / bound:.1f} | {row['launches'].get(name, 0):.0f}"
-        lines.append(f"| {name} | {figures} | {launching:.2f} |")
+        bound = 4 * fields / facts["copy_gb_per_s"]
+        samples = row["samples"].get(name, 0.0)
+        sampling = f"{samples:.1f} | {samples * facts['sample_ns']:.1f}" if samples else " | "
+        launching = 1e3 * facts["launch_us"] * row["launches"].get(name, 0.0) / row["resolution"] ** 3
+        figures = f"{spent:.1f} | {fields} | {bound:.1f} | {spent / bound:.1f} | {sampling}"
+        lines.append(f"| {name} | {figures} | {row['launches'].get(name, 0):.0f} | {launching:.2f} |")
     return lines
 
 
@@ -137,7 +174,8 @@ def page(facts: dict) -> str:
         f"{facts['environment']['threads']} shared CPU cores ({facts['processor']}).",
         f"Copying memory on one thread reads and writes {facts['copy_gb_per_s']:.1f} GB/s there: "
         f"{8 / facts['copy_gb_per_s']:.2f} ns for each float. Launching a kernel over nothing takes "
-        f"{facts['launch_us']:.1f} µs.",
+        f"{facts['launch_us']:.1f} µs, and a trilinear sample of a field in the cache, at the end of a trace, "
+        f"{facts['sample_ns']:.1f} ns.",
         "",
         "| pass | " + " | ".join(heads) + " |",
         "|---|" + "---:|" * len(rows),
@@ -152,12 +190,14 @@ def page(facts: dict) -> str:
                 "",
                 f"## Distance from the limits: {head}",
                 "",
-                "Each field of floats that a pass must read or write, moved once at the bandwidth of the copy, and the "
-                "time that its launches take if they do nothing.",
+                "Each field of floats that a pass must read or write, moved once at the bandwidth of the copy; the "
+                "trilinear samples that it takes for each cell of the domain, as fast as from the cache; and the time "
+                "that its launches take if they do nothing.",
                 "",
-                "| pass | fields moved at least | ns for that | ns taken | ratio | launches | ns for launching |",
-                "|---|---:|---:|---:|---:|---:|---:|",
-                *limits(row, facts["copy_gb_per_s"], facts["launch_us"]),
+                "| pass | ns taken | fields moved at least | ns for that | ratio | samples | ns for sampling "
+                "| launches | ns for launching |",
+                "|---|---:|---:|---:|---:|---:|---:|---:|---:|",
+                *limits(row, facts),
             ]
     return "\n".join(lines) + "\n"
 
@@ -176,9 +216,9 @@ def main() -> None:
         for resolution in (64,) if quick else (64, 128):
             for threads in (1, 2):
                 with console.status(f"{resolution}³, {threads} thread(s)"):
-                    figures, launches = time_passes(resolution, threads, collider)
-                case = {"resolution": resolution, "threads": threads, "collider": collider}
-                rows.append(case | {"ns_per_cell": figures, "launches": launches})
+                    measured = time_passes(resolution, threads, collider)
+                figures = measured["ns_per_cell"]
+                rows.append({"resolution": resolution, "threads": threads, "collider": collider} | measured)
                 table.add_column(f"{resolution}³, {threads} thread{'s' * (threads > 1)}", justify="right")
                 columns.append(figures)
         names = sorted((name for name in columns[0] if name != "whole step"), key=lambda name: -columns[0][name])
@@ -194,6 +234,7 @@ def main() -> None:
             "processor": processor(),
             "copy_gb_per_s": bandwidth,
             "launch_us": launch_cost(),
+            "sample_ns": sample_cost(),
             "rows": rows,
         }
         path = Path(files[0])
