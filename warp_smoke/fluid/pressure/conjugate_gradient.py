@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from warp_smoke.fluid.grid import make_patch
+from warp_smoke.fluid.halo import copy_samples
 from warp_smoke.fluid.pressure.iterative import IterativePressure, Residual, laplacian
 from warp_smoke.fluid.pressure.preconditioner import Preconditioner
 from warp_smoke.fluid.pressure.status import PressureProblem
@@ -9,6 +11,9 @@ from warp_smoke.fluid.pressure.sums import add_product, add_residual, clear_part
 from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
+
+# Once the residual has shrunk by this, it is measured anew.
+_FRESH = 1e-5
 
 
 @wp.kernel
@@ -125,15 +130,29 @@ class ConjugateGradientPressure(IterativePressure):
         iterations, limit = 0, self._problem.max_iterations
         while iterations < limit and not self._is_small(residual, zero_guess):
             before = residual
-            iterations += self._descend(pressure, zero_guess, limit - iterations)
+            if iterations:
+                self._remove_means()
+            iterations += self._descend(pressure, residual, zero_guess, limit - iterations)
             # Round-off makes the residual that was updated drift from the true one: only the true one counts.
             residual = self._restart(pressure)
             if not (residual.largest < before.largest or residual.norm < before.norm):
                 break
         return iterations, residual
 
-    def _descend(self, pressure: wp.array, zero_guess: Residual, limit: int) -> int:
-        """Iterates until the residual as updated is small; returns how often."""
+    def _remove_means(self) -> None:
+        """Takes its mean over each closed body of fluid off the residual, now that it is small.
+
+        No pressure removes that, and it grows beside the rest until it leads the iterations astray.
+        """
+        border = (self._border,) * 3
+        back = tuple(-n for n in border)
+        shape = self._problem.shape
+        copy_samples(self._launcher, [make_patch((0, 0, 0), shape, back, back)], self._residual, self._change)
+        self._components.remove_means(self._change)
+        copy_samples(self._launcher, [make_patch(border, shape, border, border)], self._change, self._residual)
+
+    def _descend(self, pressure: wp.array, start: Residual, zero_guess: Residual, limit: int) -> int:
+        """Iterates until the residual as updated is small, or much smaller than at the start; returns how often."""
         launch, sums, preconditioner = self._launcher.launch, self._sums, self._preconditioner
         operator = (*self._operator.shares, self._operator.centre)
         direction = self._padded  # the first direction takes no share of what it held before
@@ -150,6 +169,7 @@ class ConjugateGradientPressure(IterativePressure):
                 return iteration
             args = (product / curvature, direction, self._change, self._border, pressure, self._residual, sums.parts)
             launch(_descend, sums.launch_shape, *args)
-            if self._is_small(self._read_residual(), zero_guess):
+            residual = self._read_residual()
+            if self._is_small(residual, zero_guess) or residual.norm < _FRESH * start.norm:
                 return iteration + 1
         return limit

@@ -63,23 +63,36 @@ def _divide(
 
 
 @wp.kernel
-def _sum_products(rows: Rows, a: wp.array3d[float], b: wp.array3d[float], parts_out: wp.array3d[wp.float64]):
-    """Parts of Σ a b."""
+def _sum_products(
+    rows: Rows,
+    a: wp.array3d[float],
+    b: wp.array3d[float],
+    border: int,
+    cells: int,
+    parts_out: wp.array3d[wp.float64],
+):
+    """Parts of Σ a b over so many cells along j, with `border` layers of others below."""
     i, _, c = wp.tid()
     i += rows.first
-    x = dense(a)
-    y = dense(b)
+    f = dense(a)
+    g = dense(b)
     parts = dense_parts(parts_out)
     start = wp.max(c * rows.run, 0)
-    end = wp.min(start + rows.run, a.shape[2])
+    end = wp.min(start + rows.run, parts_out.shape[2])
     clear_part(parts, 0, i, start, end)
+    low = wp.max(border, 0)
     j = wp.int32(0)
-    while j < a.shape[1]:
+    while j < cells:
         k = start
         while k < end:
-            add_product(parts, i, k, x[i, j, k], y[i, j, k])
+            add_product(parts, i, k, f[i + low, j + low, k + low], g[i + low, j + low, k + low])
             k += 1
         j += 1
+
+
+def sum_products(launcher: Launcher, a: wp.array, b: wp.array, border: int, sums: Sums) -> None:
+    """Sums Σ a b over the cells of `sums`, below which both arrays have `border` layers of others."""
+    launcher.launch(_sum_products, sums.launch_shape, a, b, border, sums.shape[1], sums.parts)
 
 
 class Diagonal:
@@ -122,6 +135,5 @@ class EmptyBox:
     def apply(self) -> float:
         """Sets correction to the pressure of a box without solids; returns Σ r correction."""
         self._solver.invert(self.residual, self.correction)
-        args = (self.residual, self.correction, self._sums.parts)
-        self._launcher.launch(_sum_products, self._sums.launch_shape, *args)
+        sum_products(self._launcher, self.residual, self.correction, self.border, self._sums)
         return self._sums.sum(0)

@@ -8,6 +8,7 @@ import warp as wp
 
 from warp_smoke.fluid.halo import copy_samples
 from warp_smoke.fluid.pressure.levels import Level
+from warp_smoke.fluid.pressure.preconditioner import sum_products
 from warp_smoke.fluid.pressure.sums import Sums, add_product, clear_part, dense_parts
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
@@ -219,26 +220,6 @@ def _sweep_and_sum(
 
 
 @wp.kernel
-def _sum_products(rows: Rows, a: wp.array3d[float], b: wp.array3d[float], parts_out: wp.array3d[wp.float64]):
-    """Parts of Σ a b over the cells inside the layers of zeros."""
-    i, _, c = wp.tid()
-    i += rows.first
-    f = dense(a)
-    g = dense(b)
-    parts = dense_parts(parts_out)
-    start = wp.max(c * rows.run, 0)
-    end = wp.min(start + rows.run, a.shape[2] - 3)
-    clear_part(parts, 0, i, start, end)
-    y = wp.int32(1)
-    while y < a.shape[1] - 2:
-        k = start
-        while k < end:
-            add_product(parts, i, k, f[i + 1, y, k + 1], g[i + 1, y, k + 1])
-            k += 1
-        y += 1
-
-
-@wp.kernel
 def _measure(
     rows: Rows,
     e: wp.array3d[float],
@@ -323,7 +304,7 @@ def sweep_and_sum(launcher: Launcher, level: Level, e: wp.array, weight: float, 
         launcher.launch(_sweep_and_sum, sums.launch_shape, *args)
     else:
         sweep(launcher, level, e, weight, e_out)
-        launcher.launch(_sum_products, sums.launch_shape, level.source, e_out, sums.parts)
+        sum_products(launcher, level.source, e_out, 1, sums)
 
 
 def measure(launcher: Launcher, level: Level, e: wp.array, residual_out: wp.array) -> None:

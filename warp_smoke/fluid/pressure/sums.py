@@ -41,12 +41,14 @@ class Sums:
     are independent, so the loop is vectorised, which a sum in one variable is not.
 
     Attributes:
+        shape: cells along each axis (nx, ny, nz).
         parts: [count, nx, nz] float64.
         launch_shape: (nx, 1, nz).
     """
 
     def __init__(self, launcher: Launcher, shape: tuple[int, int, int], count: int, label: str):
         """Allocates the parts of `count` sums over `shape` cells."""
+        self.shape = shape
         nx, _, nz = shape
         self.parts = launcher.zeros((count, nx, nz), label, wp.float64)
         self.launch_shape = (nx, 1, nz)
