@@ -20,7 +20,7 @@ import warp_smoke as ws
 from warp_smoke.geometry import corner_normals, transform_points
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.shadow.casters import Casters, nearest_hit
-from warp_smoke.shadow.coverage import CUBE_FRAMES, TILE
+from warp_smoke.shadow.coverage import CUBE_FRAMES, TILE, frame_along
 from warp_smoke.shadow.methods import SURFACE_SHADOWS
 from warp_smoke.study.shadow_scenes import bunny
 
@@ -70,6 +70,13 @@ def _receiver() -> ws.Receiver:
 def _at(x: float, y: float, z: float) -> np.ndarray:
     matrix = np.eye(4)
     matrix[3, :3] = x, y, z
+    return matrix
+
+
+def _shining(*direction: float) -> np.ndarray:
+    """A transform whose −Z axis points along a direction."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = frame_along(np.array(direction) / np.linalg.norm(direction)) * [[1.0], [-1.0], [-1.0]]
     return matrix
 
 
@@ -185,11 +192,9 @@ def measure_filters(launcher: Launcher, scene: ws.Scene, texels: int = 512) -> l
 def bake_floor(threads: int | None, name: str) -> float:
     """A 1024² floor under the bunny and two lights, from shadows to pixels, first frame with kernels loaded [s]."""
     scene = scenes()["bunny"]
-    sun = np.eye(4)
-    sun[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     lights = [
         replace(scene.lights[0], shadow_filter=name),
-        ws.DistantLight(path="/Sun", transform=sun, shadow_filter=name),
+        ws.DistantLight(path="/Sun", transform=_shining(0.0, -1.0, 0.0), shadow_filter=name),
     ]
     plan = ws.make_plan(replace(scene, lights=lights, end=1))
     times = []
@@ -229,7 +234,8 @@ def measure_bias(launcher: Launcher) -> list[dict[str, float]]:
     of the floor's points that no ray to any of the light reaches, and that are lit.
     """
     scene = scenes()["bunny"]
-    light, (bunny, floor) = scene.lights[0], scene.surfaces
+    bunny, floor = scene.surfaces
+    lights = {"point": scene.lights[0], "distant": ws.DistantLight(path="/Sun", transform=_shining(-1.0, -2.0, -0.8))}
     casters = Casters(launcher, scene.surfaces, np.zeros(3))
     casters.update(scene.start)
     rng, points = np.random.default_rng(0), bunny.mesh.points_at(scene.start)
@@ -242,25 +248,25 @@ def measure_bias(launcher: Launcher) -> list[dict[str, float]]:
     up = np.tile((0.0, 1.0, 0.0), (len(below), 1))
     bounds = np.array([[each.min(axis=0), each.max(axis=0)] for each in (points, floor.mesh.points_at(scene.start))])
 
-    def share_lit(name: str, at: np.ndarray, facing: np.ndarray, size: int = 512) -> np.ndarray:
-        kind = name if name in SURFACE_SHADOWS else "cube"
-        lit = replace(light, shadow_filter=name, shadow_map_size=size)
-        shadow = SURFACE_SHADOWS[kind](launcher, lit, casters, bounds)
+    def share_lit(light: ws.Light, name: str, at: np.ndarray, facing: np.ndarray) -> np.ndarray:
+        shadow_map = "directional" if isinstance(light, ws.DistantLight) else "cube"
+        kind = name if name in SURFACE_SHADOWS else shadow_map
+        shadow = SURFACE_SHADOWS[kind](launcher, replace(light, shadow_filter=name), casters, bounds)
         shadow.update(scene.start)
         out = wp.zeros(len(at), dtype=float)
         shadow.visibility(*(wp.array(a.astype(np.float32), dtype=wp.vec3) for a in (at, facing)), out)
         return out.numpy()
 
-    reached = share_lit("exact", place, normals) == 1.0
-    dark = share_lit("area", below, up) == 0.0
-    return [
-        {
-            "size": size,
-            "acne": float(np.mean(share_lit("hard", place[reached], normals[reached], size) == 0.0)),
-            "leak": float(np.mean(share_lit("hard", below[dark], up[dark], size) == 1.0)),
-        }
-        for size in (256, 512, 1024, 2048)
-    ]
+    rows = []
+    for kind, light in lights.items():
+        reached = share_lit(light, "exact", place, normals) == 1.0
+        dark = share_lit(light, "area", below, up) == 0.0
+        for size in (256, 512, 1024, 2048):
+            sized = replace(light, shadow_map_size=size)
+            acne = np.mean(share_lit(sized, "hard", place[reached], normals[reached]) == 0.0)
+            leak = np.mean(share_lit(sized, "hard", below[dark], up[dark]) == 1.0)
+            rows.append({"light": kind, "size": size, "acne": float(acne), "leak": float(leak)})
+    return rows
 
 
 def write_tables(report: dict) -> None:
@@ -274,8 +280,11 @@ def write_tables(report: dict) -> None:
         for row in report["filters"]["room"]
     ]
     text = fill_in(text, "filters", table(header, rows))
-    rows = [(str(row["size"]), f"{100 * row['acne']:.2f} %", f"{100 * row['leak']:.2f} %") for row in report["bias"]]
-    text = fill_in(text, "bias", table(("texels", "bunny darkened", "floor that leaks"), rows))
+    rows = [
+        (row["light"], str(row["size"]), f"{100 * row['acne']:.2f} %", f"{100 * row['leak']:.2f} %")
+        for row in report["bias"]
+    ]
+    text = fill_in(text, "bias", table(("light", "texels", "bunny darkened", "floor that leaks"), rows))
     times = report["floor_ms"]
     header = ("filter", *(f"{threads}, ms" for threads in times))
     rows = [(f"`{name}`", *(f"{times[threads][name]:.0f}" for threads in times)) for name in FLOOR_FILTERS]
