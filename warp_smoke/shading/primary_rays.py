@@ -72,8 +72,8 @@ def _cast_rays(
     y: float,
     table: TriangleTable,
     passed: wp.array[float],
-    points: SurfacePoints,
-    hits: Hits,
+    points_out: SurfacePoints,
+    hits_out: Hits,
 ):
     """Pixel p's ray through (column + x, row + y): the first triangle it meets that has no hole there, and the point.
 
@@ -84,13 +84,13 @@ def _cast_rays(
     direction = pixel_ray(view, p, x, y)
     lengthening = 1.0 / wp.max(wp.dot(direction, view.axis), 1.0e-6)
     end = view.far * lengthening
-    hits.triangle[p] = -1
-    hits.distance[p] = end
-    points.positions[p] = view.eye
-    points.normals[p] = wp.vec3(0.0)
-    points.material[p] = 0
+    hits_out.triangle[p] = -1
+    hits_out.distance[p] = end
+    points_out.positions[p] = view.eye
+    points_out.normals[p] = wp.vec3(0.0)
+    points_out.material[p] = 0
     if passed[p] < 0.0:
-        hits.distance[p] = 0.0
+        hits_out.distance[p] = 0.0
         return
     start = wp.max(view.near * lengthening, passed[p] * (1.0 + _ONWARD))
     opacity = wp.float32(0.0)
@@ -117,19 +117,19 @@ def _cast_rays(
         if wp.dot(face, direction) > 0.0:
             n = -n
             turned = -1.0
-        hits.triangle[p] = i
-        hits.weights[p] = wp.vec2(w1, w2)
-        hits.distance[p] = start + query.t
-        if hits.opacity.shape[0] > p:
-            hits.opacity[p] = opacity
-        points.positions[p] = wp.mesh_eval_position(mesh, i, query.u, query.v)
-        points.normals[p] = n
-        points.material[p] = table.material[i]
-        if points.uvs.shape[0] > p:
-            points.uvs[p] = w0 * table.uvs[i, 0] + w1 * table.uvs[i, 1] + w2 * table.uvs[i, 2]
-        if points.tangents.shape[0] > p and table.tangents.shape[0] > i:
+        hits_out.triangle[p] = i
+        hits_out.weights[p] = wp.vec2(w1, w2)
+        hits_out.distance[p] = start + query.t
+        if hits_out.opacity.shape[0] > p:
+            hits_out.opacity[p] = opacity
+        points_out.positions[p] = wp.mesh_eval_position(mesh, i, query.u, query.v)
+        points_out.normals[p] = n
+        points_out.material[p] = table.material[i]
+        if points_out.uvs.shape[0] > p:
+            points_out.uvs[p] = w0 * table.uvs[i, 0] + w1 * table.uvs[i, 1] + w2 * table.uvs[i, 2]
+        if points_out.tangents.shape[0] > p and table.tangents.shape[0] > i:
             t = w0 * table.tangents[i, 0] + w1 * table.tangents[i, 1] + w2 * table.tangents[i, 2]
-            points.tangents[p] = wp.vec4(t[0], t[1], t[2], turned * t[3])
+            points_out.tangents[p] = wp.vec4(t[0], t[1], t[2], turned * t[3])
 
 
 @wp.kernel

@@ -133,7 +133,7 @@ def has_pictures(m: MaterialLook):
 
 @wp.kernel
 def _look_up_detail(
-    rows: Rows, looks: Looks, points: SurfacePoints, eye: wp.vec4, ambient: wp.vec3, detail: SurfaceDetail
+    rows: Rows, looks: Looks, points: SurfacePoints, eye: wp.vec4, ambient: wp.vec3, detail_out: SurfaceDetail
 ):
     """First uv ← parallax(uv), then all else at uv; c is the base colour and k the share of metal.
 
@@ -154,19 +154,19 @@ def _look_up_detail(
             else:
                 place = march_relief(looks, m, uv, to_eye)
                 uv = wp.vec2(place[0], place[1])
-                detail.relief[s] = place
+                detail_out.relief[s] = place
         if m.normal_texture >= 0:
             c = sample_texture(looks, m.normal_texture, uv)
             n = mapped_normal(frame, wp.vec3(c[0], c[1], c[2]))
-    detail.normals[s] = n
+    detail_out.normals[s] = n
     base = color_at(looks, m.diffuse_texture, uv, m.diffuse)
     metal = share_of(looks, m.metallic_texture, uv, m.metallic)
     diffuse = (1.0 - metal) * base
-    detail.diffuse[s] = diffuse
-    detail.r0[s] = (1.0 - metal) * color_at(looks, m.specular_texture, uv, m.r0) + metal * base
-    detail.gloss[s] = gloss_of(looks, m, uv)
+    detail_out.diffuse[s] = diffuse
+    detail_out.r0[s] = (1.0 - metal) * color_at(looks, m.specular_texture, uv, m.r0) + metal * base
+    detail_out.gloss[s] = gloss_of(looks, m, uv)
     occlusion = share_of(looks, m.occlusion_texture, uv, m.occlusion)
     emissive = color_at(looks, m.emissive_texture, uv, m.emissive)
-    detail.unlit[s] = emissive + occlusion * wp.cw_mul(ambient, diffuse)
-    if detail.opacity.shape[0] > s:
-        detail.opacity[s] = opacity_at(looks, m, uv)
+    detail_out.unlit[s] = emissive + occlusion * wp.cw_mul(ambient, diffuse)
+    if detail_out.opacity.shape[0] > s:
+        detail_out.opacity[s] = opacity_at(looks, m, uv)
