@@ -1,13 +1,15 @@
 #!/usr/bin/env python
 """Writes docs/stability.md: every hard case that is tested, in how many variants, and the worst figure of each.
 
-Runs tests/stability and the tests named below, slow ones too; figures are what tests give to `record_property`.
+Runs tests/stability and the tests named below on all processors, slow ones too; figures are what tests give to
+`record_property`.
 
     .venv/bin/python scripts/stability.py
 """
 
+import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,58 +17,74 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/stability.md"
-# Hard cases that are tested beside the part that they try: page section → title and tests.
+# Hard cases that are tested beside the part that they try: section of the page → names of tests, or of their files.
 ELSEWHERE = {
-    "test_large_steps": ["fluid/test_solver.py::test_huge_steps_stay_bounded"],
-    "test_extreme_values": [
-        "fluid/test_diffusion.py::test_any_coefficient_is_stable",
-        "fluid/test_solver.py::test_diffusion_is_stable",
-    ],
-    "test_limiters": ["fluid/test_advection.py::test_stays_within_its_range"],
+    "test_large_steps": ["test_huge_steps_stay_bounded"],
+    "test_extreme_values": ["test_any_coefficient_is_stable", "test_diffusion_is_stable"],
+    "test_limiters": ["test_stays_within_its_range"],
     "test_confinement": [
-        "fluid/test_vorticity.py::test_gain_is_capped",
-        "fluid/test_solver.py::test_energy_never_grows_without_a_force",
-        "fluid/test_solver.py::test_strength_of_zero_changes_nothing",
+        "test_gain_is_capped",
+        "test_energy_never_grows_without_a_force",
+        "test_strength_of_zero_changes_nothing",
     ],
-    "test_closed_boxes": [
-        "fluid/test_thin_walls.py::test_solid_all_but_one_cell",
-        "fluid/test_components.py",
-    ],
+    "test_closed_boxes": ["test_solid_all_but_one_cell", "test_components.py"],
+    "test_out_of_iterations": ["test_smooth_source_stops_at_round_off", "test_error_falls_in_the_energy_norm"],
     "Thin and fast": [
-        "fluid/test_thin_walls.py",
-        "fluid/test_emitters.py::test_rate_adds_the_same_mass_for_any_number_of_steps",
-        "fluid/test_emitters.py::test_moving_ball_adds_its_mass",
-        "fluid/test_emitters.py::test_moving_emitter_leaves_no_gaps",
+        "test_plume_under_a_sheet",
+        "test_source_in_a_closed_shell",
+        "test_fast_walls_take_more_steps",
+        "test_rate_adds_the_same_mass_for_any_number_of_steps",
+        "test_moving_ball_adds_its_mass",
+        "test_moving_emitter_leaves_no_gaps",
     ],
-    "test_shapes_of_domain": ["fluid/test_solver.py::test_thin_domains_run"],
+    "test_shapes_of_domain": ["test_thin_domains_run"],
+    "Ten thousand steps": ["test_ten_thousand_steps_in_a_closed_box"],
     "Bad numbers": [
-        "test_scene.py::test_bad_fields_are_named",
-        "test_scene.py::test_frame_range",
-        "usd/test_read.py::test_bad_values_are_named_in_one_line",
-        "usd/test_read.py::test_bad_settings_are_named_in_one_line",
-        "fluid/test_solver.py::test_stops_at_what_is_not_finite",
+        "test_bad_fields_are_named",
+        "test_frame_range",
+        "test_bad_values_are_named_in_one_line",
+        "test_bad_settings_are_named_in_one_line",
+        "test_stops_at_what_is_not_finite",
+    ],
+    "Reruns and threads": [
+        "test_same_bits_for_any_number_of_threads",
+        "test_the_same_files_for_any_number_of_threads",
+        "test_same_scene_same_bytes",
     ],
     "Rays through edges and vertices": [
-        "shadow/test_casters.py::test_closed_mesh_never_leaks",
-        "shadow/test_casters.py::test_axis_aligned_rays_hit_from_a_side_of_the_bounds",
+        "test_closed_mesh_never_leaks",
+        "test_axis_aligned_rays_hit_from_a_side_of_the_bounds",
     ],
-    "test_lights": ["shadow/test_cube.py::test_light_on_or_in_a_mesh"],
-    "Seams of cube maps": [
-        "shadow/test_cube.py::test_step_across_a_seam",
-        "shadow/test_cube.py::test_room_matches_rays_also_at_seams",
-    ],
+    "test_lights": ["test_light_on_or_in_a_mesh"],
+    "Seams of cube maps": ["test_step_across_a_seam", "test_room_matches_rays_also_at_seams"],
     "test_scale_and_origin": [
-        "fluid/test_solver.py::test_mirrored_scene_gives_mirrored_smoke",
-        "shadow/test_casters.py::test_far_from_the_origin_nothing_changes",
+        "test_mirrored_scene_gives_mirrored_smoke",
+        "test_far_from_the_origin_nothing_changes",
     ],
-    "Reruns and threads": ["test_simulation.py::test_same_bits_for_any_number_of_threads"],
-    "test_any_bytes": ["usd/test_read.py::test_noise_never_crashes", "vdb/test_vdb_read.py"],
+    "Stopped and killed": [
+        "test_a_run_that_goes_on_gives_the_same_files",
+        "test_stops_between_frames",
+        "test_stops_at_any_moment",
+        "test_killed_twenty_times",
+        "test_a_checkpoint_of_another_scene_is_refused",
+        "test_a_checkpoint_of_another_version_is_refused",
+        "test_damage_is_noticed",
+        "test_a_second_run_is_refused",
+    ],
+    "Disk and memory": ["test_full_disk.py", "test_resources.py"],
+    "test_any_bytes": [
+        "test_missing_references",
+        "test_missing_sublayer",
+        "test_noise_never_crashes",
+        "test_probe.py",
+        "test_vdb_read.py",
+    ],
 }
 HEAD = """# Hard cases
 
 What must hold where simulations and shadows usually break, each line a test, and the worst figure over all variants.
-Written by `scripts/stability.py` from the run of these tests; a figure of 0 is exact. Long runs, checkpoints and full
-disks have [a page of their own](long_runs.md).
+Written by `scripts/stability.py` from the run of these tests; a figure of 0 is exact. What a run does that is stopped,
+killed or out of disk is on [a page of its own](long_runs.md).
 """
 
 
@@ -106,14 +124,22 @@ class Recorder:
             line.figures[name] = max(value, line.figures.get(name, value))
 
 
+def find(name: str) -> Iterator[str]:
+    """The tests of a name, or of a file, wherever they stand: as pytest calls them."""
+    for file in sorted((ROOT / "tests").rglob("test_*.py")):
+        if file.name == name:
+            yield str(file.relative_to(ROOT))
+        elif re.search(rf"^def {name}\(", file.read_text(encoding="utf-8"), re.MULTILINE):
+            yield f"{file.relative_to(ROOT)}::{name}"
+
+
 def page(lines: dict[str, Line], titles: dict[str, str]) -> str:
     """The page's text."""
     text = [HEAD]
     for section in dict.fromkeys([*ELSEWHERE, *sorted(titles)]):
         own = [name for name in lines if Path(name.partition("::")[0]).stem == section and "/stability/" in name]
-        others = [
-            name for name in lines if any(name.startswith(f"tests/{each}") for each in ELSEWHERE.get(section, ()))
-        ]
+        named = tuple(each for name in ELSEWHERE.get(section, ()) for each in find(name))
+        others = [name for name in lines if named and f"{name}::".startswith(tuple(f"{each}::" for each in named))]
         if own or others:
             heading = section.removeprefix("test_").replace("_", " ").capitalize()
             text += [f"## {heading}\n"] + ([f"{titles[section]}\n"] if own else [])
@@ -131,9 +157,10 @@ def _row(line: Line) -> str:
 def main(options: Iterable[str]) -> int:
     """Runs the tests and writes the page."""
     recorder = Recorder()
-    elsewhere = [str(ROOT / "tests" / each) for tests in ELSEWHERE.values() for each in tests]
-    args = [str(ROOT / "tests/stability"), *dict.fromkeys(elsewhere), "-m", "slow or not slow", *options]
-    status = pytest.main(["--rootdir", str(ROOT), *args], plugins=[recorder])
+    tests = [str(ROOT / each) for names in ELSEWHERE.values() for name in names for each in find(name)]
+    args = ["--rootdir", str(ROOT), str(ROOT / "tests/stability"), *dict.fromkeys(tests), "-m", "slow or not slow"]
+    pytest.main([*args, "--collect-only", "-q", "--no-summary"], plugins=[recorder])
+    status = pytest.main([*args, "-n", "auto", "--dist", "worksteal", *options], plugins=[recorder])
     if status in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
         PAGE.write_text(page(recorder.lines, recorder.titles), encoding="utf-8")
     return int(status)

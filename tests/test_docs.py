@@ -23,6 +23,13 @@ def test_cli_reference_is_current():
     assert (ROOT / "docs/cli.md").read_text(encoding="utf-8") == script["cli_reference"]()
 
 
+def test_hard_cases_are_found():
+    """Every test that docs/stability.md is made from is there."""
+    script = runpy.run_path(str(ROOT / "scripts/stability.py"))
+    for names in script["ELSEWHERE"].values():
+        assert [name for name in names if not list(script["find"](name))] == []
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     """Every relative link and picture of a page is a file."""

@@ -48,7 +48,7 @@ def test_any_allowed_scene_is_finite(scene):
 @given(scenes())
 @long
 def test_any_allowed_scene_is_finite_at_length(scene):
-    """1500 of them."""
+    """1500 more of them, in the slow tests."""
     run(scene)
 
 

@@ -79,7 +79,7 @@ def test_any_attribute_is_read_or_refused(file, changed):
 @given(changes)
 @long
 def test_any_attribute_gives_a_finite_frame_or_is_refused(file, changed):
-    """400 of them, simulated: a finite frame, or the line of whoever refuses it."""
+    """400 such stages, simulated, in the slow tests: a finite frame, or the line of whoever refuses it."""
     scene = read(file, changed)
     if scene is None:
         return

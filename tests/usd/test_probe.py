@@ -47,7 +47,7 @@ def test_counts_beyond_all_bounds_are_refused(binary, section):
 
 
 def test_sound_stages_pass(binary, tmp_path):
-    """A binary stage, a text that names it, and a stage with moving points."""
+    """A sound binary stage, a text that names it, and a stage with moving points are found readable."""
     check_readable(binary)
     (tmp_path / "shot.usda").write_text("#usda 1.0\n(\n    subLayers = [@./stage.usdc@]\n)\n")
     check_readable(tmp_path / "shot.usda")
@@ -60,7 +60,7 @@ def test_sound_stages_pass(binary, tmp_path):
 
 
 def test_a_damaged_layer_of_a_text_is_found(binary, tmp_path):
-    """The text that names it, through another one, is refused."""
+    """A text is refused that names a damaged binary layer through another text."""
     data = bytearray(binary.read_bytes())
     struct.pack_into("<Q", data, section_start(data, "PATHS"), 2**30)
     binary.write_bytes(data)
@@ -71,7 +71,7 @@ def test_a_damaged_layer_of_a_text_is_found(binary, tmp_path):
 
 
 def test_text_is_not_tried(monkeypatch, tmp_path):
-    """Nor is a stage of texts, a folder, or what is not there: no process is forked."""
+    """For stages of text, folders, and what is not there, no process is forked."""
     monkeypatch.setattr(os, "fork", lambda: pytest.fail("forked"))
     check_readable(STAGES / "plume.usda")
     (tmp_path / "shot.usda").write_text(f"#usda 1.0\n(\n    subLayers = [@{STAGES}/plume.usda@, @./shot.usda@]\n)\n")
@@ -81,7 +81,7 @@ def test_text_is_not_tried(monkeypatch, tmp_path):
 
 
 def test_crashes_and_endless_loops_are_told(monkeypatch, binary):
-    """A child that a signal ends is told with it; one that goes on and on is ended."""
+    """A crash of USD is told with its signal; a file that it never comes to the end of is given up."""
     monkeypatch.setattr(probe, "_try", lambda path: signal.raise_signal(signal.SIGKILL))
     with pytest.raises(ValueError, match=r"stage\.usdc: not a USD stage: it is damaged: USD crashes on it \(SIGKILL\)"):
         check_readable(binary)
@@ -98,7 +98,7 @@ def test_crashes_and_endless_loops_are_told(monkeypatch, binary):
 
 
 def test_large_or_slow_files_are_left_to_the_reader(monkeypatch, binary):
-    """What takes long because there is much of it, or because the disk is slow, is not called damaged."""
+    """A stage that takes long because there is much of it, or because the disk is slow, is not called damaged."""
     monkeypatch.setattr(probe, "_try", lambda path: time.sleep(60.0))
     monkeypatch.setattr(probe, "_WAIT", 0.1)
     check_readable(binary)
