@@ -102,6 +102,18 @@ def test_static_shadows_are_traced_once():
     assert simulation.launcher.launches["_trace_tiles"] == 2  # one for each light
 
 
+def test_only_the_lights_that_reach_are_traced():
+    """Of two lamps over a floor with a cube on it, one is out of range: one map, one look-up; without range, two."""
+    scene = replace(plume(), domains=(), emitters=(), surfaces=[floor(), CUBE])
+    lamp = replace(scene.lights[0], path="/World/Lamp", transform=at(0, 3, 0))
+    for reach, count in ((1.0, 1), (None, 2)):
+        short = replace(lamp, path="/World/Short", falloff_end=reach)
+        simulation, _ = simulate(replace(scene, lights=[lamp, short]))
+        launches = simulation.launcher.launches
+        assert launches["_trace_tiles"] == count
+        assert launches["_filter_taps"] + launches["_filter_penumbra"] == count
+
+
 def test_minimal_plan_equals_full_plan():
     """An emitter, collider and light that the plan leaves out change nothing, to the bit."""
     scene = plume()
