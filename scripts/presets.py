@@ -3,8 +3,9 @@
     python scripts/presets.py [smoke] [light] [picture]
 
 With nothing set that presets set: the smoke of stages/obstacle.usda over its first frames against a finer run, the
-floor of stages/plume.usda, plain, against rays to all of the light and through the smoke, and its picture against many
-rays a pixel. Each family has many points, the presets among them by hand; a test keeps those from being dominated.
+floor of stages/plume.usda and the room of stages/room.usda, plain, against rays to all of the light and through the
+smoke, and the plume's picture against many rays a pixel. Each family has many points, the presets among them by hand; a
+test keeps those from being dominated.
 """
 
 import json
@@ -26,7 +27,7 @@ from warp_smoke.study.front import clearly_beats
 from warp_smoke.study.outcome import differences, light_scene, run_scene
 
 ROOT = Path(__file__).parents[1]
-SMOKE_STAGE, LIGHT_STAGE = "stages/obstacle.usda", "stages/plume.usda"
+SMOKE_STAGE, LIGHT_STAGE, ROOM = "stages/obstacle.usda", "stages/plume.usda", "stages/room.usda"
 FRAMES, REPEATS = 20, 5
 # How often a preset and what seems to beat it are measured in turns.
 TURNS = 3
@@ -71,11 +72,11 @@ ABOUT = {
         "Courant number 1; milliseconds a frame, and ns for each cell",
     },
     "light": {
-        "stage": LIGHT_STAGE,
+        "stage": f"{LIGHT_STAGE} and {ROOM}",
         "error": "baked light off by",
-        "means": "root mean square difference (1 = black to white) of the lit texture, looked up on "
-        f"{COMPARED_TEXELS}² places, to one of 2048² texels by rays to all of each light and through the smoke; "
-        "milliseconds for shadows and bake, all made anew, and ns for each texel",
+        "means": "root mean square difference (1 = black to white) of the lit textures, looked up on "
+        f"{COMPARED_TEXELS}² places, to ones of 2048² texels by rays to all of each light and through the smoke; "
+        "milliseconds for shadows and bake of a stage, all made anew, in the mean, and ns for each texel",
     },
     "picture": {
         "stage": LIGHT_STAGE,
@@ -132,10 +133,10 @@ def with_smoke(scene: ws.Scene, settings: Mapping[str, object]) -> ws.Scene:
 
 def with_light(scene: ws.Scene, settings: Mapping[str, object]) -> ws.Scene:
     """The scene with its lights and receivers by some settings."""
-    cells = max(domain.resolution for domain in scene.domains)
+    cells = max((domain.resolution for domain in scene.domains), default=0)
     fields = {name: settings[name] for name in ("shadow_filter", "shadow_map_size", "smoke_shadow")}
     share = settings["smoke_shadow_share"]
-    fields["smoke_shadow_size"] = None if share == 1.0 else round(cells * share)
+    fields["smoke_shadow_size"] = None if share == 1.0 or not cells else round(cells * share)
     lights = []
     for light in scene.lights:
         wider = 2 if isinstance(light, ws.DistantLight) else 1  # as presets have it
@@ -158,15 +159,20 @@ def smoke_measure(launcher: Launcher) -> Measure:
     return measure
 
 
-def light_measure(launcher: Launcher, scene: ws.Scene, volumes: Mapping[str, SmokeVolume]) -> Measure:
-    """Measures the baked light, everything made anew each time, against rays."""
-    traced, _ = light_scene(launcher, with_light(scene, of_light("area", 512, "ray_traced", 1.0, 2048)), volumes, 0)
-    truth = wide_pictures(traced.pictures)
+def light_measure(launcher: Launcher, stages: Sequence[tuple[ws.Scene, Mapping[str, SmokeVolume]]]) -> Measure:
+    """Measures the baked light of stages around their smoke, everything made anew each time, against rays."""
+    best = of_light("area", 512, "ray_traced", 1.0, 2048)
+    traced = [light_scene(launcher, with_light(scene, best), volumes, 0)[0] for scene, volumes in stages]
+    truths = [wide_pictures(each.pictures) for each in traced]
 
     def measure(settings: Mapping[str, object]) -> tuple[float, Sequence[float], int]:
-        outcome, measured = light_scene(launcher, with_light(scene, settings), volumes, REPEATS)
-        error = float(np.sqrt(np.mean((wide_pictures(outcome.pictures) - truth) ** 2)))
-        return error, measured.seconds, measured.cells
+        squares, seconds, texels = [], np.zeros(REPEATS), 0
+        for (scene, volumes), truth in zip(stages, truths, strict=True):
+            outcome, measured = light_scene(launcher, with_light(scene, settings), volumes, REPEATS)
+            squares.append(np.mean((wide_pictures(outcome.pictures) - truth) ** 2))
+            seconds += np.array(measured.seconds) / len(stages)
+            texels += measured.cells
+        return float(np.sqrt(np.mean(squares))), seconds.tolist(), texels // len(stages)
 
     return measure
 
@@ -267,7 +273,11 @@ def main(names: Sequence[str]) -> None:
     volumes = run_scene(launcher, lit, 0)[0].volumes
     every = {
         "smoke": (SMOKE, smoke_candidates(), lambda: smoke_measure(launcher)),
-        "light": (LIGHT, light_candidates(), lambda: light_measure(launcher, scene, volumes)),
+        "light": (
+            LIGHT,
+            light_candidates(),
+            lambda: light_measure(launcher, [(scene, volumes), (open_scene(ROOM), {})]),
+        ),
         "picture": (
             PICTURE,
             [{"samples": samples} for samples in (1, 2, 3, 4)],
@@ -312,6 +322,7 @@ def write_tables(families: Mapping[str, dict]) -> None:
     page = ROOT / "docs/quality.md"
     text = replace_between(page.read_text(encoding="utf-8"), "busy", busy_note(families))
     for name, family in families.items():
+        stages = " and ".join(f"`{stage}`" for stage in family["stage"].split(" and "))
         points, machine = sorted(family["points"], key=lambda each: each["milliseconds"]), family["machine"]
         header = ("preset", *points[0]["settings"], "error", "ms", "ns")
         lines = [f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
@@ -323,7 +334,7 @@ def write_tables(families: Mapping[str, dict]) -> None:
                 lines.append(f"| {' | '.join((named, *map(str, each['settings'].values()), *figures))} |")
             least = min(least, each["error"])
         note = (
-            f"On `{family['stage']}`, {machine['processor']}, {machine['threads']} threads, {machine['date']}. Error: "
+            f"On {stages}, {machine['processor']}, {machine['threads']} threads, {machine['date']}. Error: "
             f"{family['means']}. Of {len(points)} settings those that another beats in both are left out."
         )
         text = replace_between(text, name, [note, "", *lines])
