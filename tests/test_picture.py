@@ -158,6 +158,32 @@ def test_smoke_lit_from_the_camera():
     assert np.abs(smoke_before((0, 0, 0), sun, 0.5) - srgb(expected)).max() <= 2
 
 
+def test_surfaces_shadow_smoke_beyond_them():
+    """A plate above smoke, the only surface, shadows it under a tiny round light as it does under a point."""
+    domain = ws.SmokeDomain(path="/World/Smoke", resolution=16, extinction=1.0)
+    mesh = Mesh.grid((-0.5, 1.5, 0.5), (1, 0, 0), (0, 0, -1))
+    plate = ws.Surface(path="/World/Plate", mesh=mesh)
+    camera = replace(looking_down(), transform=at(0, 0, 8))
+    pictures = []
+    for surfaces, name in (([plate], "area"), ([plate], "exact"), ([], "exact")):
+        light = ws.PointLight(
+            path="/World/Lamp",
+            transform=at(0.013, 3.1, 0.021),
+            intensity=300.0,
+            radius=1e-4,
+            normalize=True,
+            shadow_filter=name,
+        )
+        scene = ws.Scene(domains=[domain], surfaces=surfaces, lights=[light], camera=camera)
+        lattice = place_lattice(scene, domain)
+        volume = SmokeVolume(domain, lattice, np.ones(lattice.shape, np.float32))
+        pictures.append(render_picture(scene, 1.0, [volume], size=(24, 24)).astype(int))
+    soft, sharp, unshadowed = pictures
+    # Of cells at the shadow's edge a few rays of 64 are on its other side.
+    assert np.abs(soft - sharp).max() <= 2
+    assert np.abs(sharp - unshadowed).max() > 20
+
+
 def test_every_thread_count_gives_the_same_picture():
     """One thread and two: equal to the bit."""
     scene = replace(plume(), camera=looking_down())
