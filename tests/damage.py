@@ -5,6 +5,7 @@ python damage.py STAGE FOLDER FIRST COUNT
 
 import random
 import signal
+import struct
 import sys
 from pathlib import Path
 
@@ -25,6 +26,22 @@ def damaged(data: bytes, seed: int) -> bytes:
             del copy[max(place, 1) : place + rng.randrange(1, 64)]
         else:
             del copy[max(place, 1) :]
+    return bytes(copy)
+
+
+def with_count(data: bytes, section: str, count: int) -> bytes:
+    """A copy of a binary layer with another count of entries in a section: paths, tokens and so on.
+
+    After 16 bytes the file gives the place of its table of contents: the number of sections, then for each its name,
+    start and size. Each section begins with its count.
+    """
+    copy = bytearray(data)
+    (contents,) = struct.unpack_from("<q", data, 16)
+    (sections,) = struct.unpack_from("<Q", data, contents)
+    for index in range(sections):
+        name, start, _ = struct.unpack_from("<16sqq", data, contents + 8 + 32 * index)
+        if name.rstrip(b"\0") == section.encode():
+            struct.pack_into("<Q", copy, start, count)
     return bytes(copy)
 
 

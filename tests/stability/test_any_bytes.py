@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from damage import damaged
+from damage import damaged, with_count
 from hard_cases import refusal
 from PIL import Image
 from pxr import Sdf
@@ -103,6 +103,20 @@ def test_command_on_damaged_stages(command, tmp_path, name):
         if status == 2:
             assert said.startswith("error damaged.usda: ")
             assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["run", "plan", "validate", "study", "preview", "render"])
+def test_command_on_a_stage_that_brings_usd_down(tmp_path, name):
+    """A binary stage for which USD takes gigabytes: every command that reads stages ends with status 2 and one line."""
+    stage = tmp_path / "stage.usdc"
+    Sdf.Layer.FindOrOpen(str(STAGES / "plume.usda")).Export(str(stage))
+    stage.write_bytes(with_count(stage.read_bytes(), "PATHS", 2**30))
+    options = {"preview": ["--screenshot", "a.png"], "render": ["-o", "a.png"]}.get(name, [])
+    line = [sys.executable, "-m", "warp_smoke_command", name, stage, *options]
+    done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert done.stderr.startswith(f"error {stage}: not a USD stage: ")
+    assert [path.name for path in tmp_path.iterdir()] == ["stage.usdc"]
 
 
 def test_command_on_damaged_volumes(command, tmp_path):

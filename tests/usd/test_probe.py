@@ -2,11 +2,11 @@
 
 import os
 import signal
-import struct
 import time
 from pathlib import Path
 
 import pytest
+from damage import with_count
 from pxr import Sdf, Usd, UsdGeom
 
 from warp_smoke.usd import probe
@@ -24,23 +24,10 @@ def binary(tmp_path):
     return path
 
 
-def section_start(data: bytes, name: str) -> int:
-    """Where a section of a binary layer begins: after 16 bytes its header gives the place of a table of contents."""
-    (contents,) = struct.unpack_from("<q", data, 16)
-    (count,) = struct.unpack_from("<Q", data, contents)
-    for index in range(count):
-        found, start, _ = struct.unpack_from("<16sqq", data, contents + 8 + 32 * index)
-        if found.rstrip(b"\0") == name.encode():
-            return start
-    raise KeyError(name)
-
-
 @pytest.mark.parametrize("section", SECTIONS)
 def test_counts_beyond_all_bounds_are_refused(binary, section):
     """A section said to have 2³⁰ entries, for which USD alone takes gigabytes: one line that names the file."""
-    data = bytearray(binary.read_bytes())
-    struct.pack_into("<Q", data, section_start(data, section), 2**30)
-    binary.write_bytes(data)
+    binary.write_bytes(with_count(binary.read_bytes(), section, 2**30))
     with pytest.raises(ValueError, match=r"stage\.usdc: not a USD stage: ") as refused:
         check_readable(binary)
     assert "\n" not in str(refused.value)
@@ -61,9 +48,7 @@ def test_sound_stages_pass(binary, tmp_path):
 
 def test_a_damaged_layer_of_a_text_is_found(binary, tmp_path):
     """A text is refused that names a damaged binary layer through another text."""
-    data = bytearray(binary.read_bytes())
-    struct.pack_into("<Q", data, section_start(data, "PATHS"), 2**30)
-    binary.write_bytes(data)
+    binary.write_bytes(with_count(binary.read_bytes(), "PATHS", 2**30))
     (tmp_path / "set.usda").write_text('#usda 1.0\ndef "Set" (\n    references = @./stage.usdc@</World>\n)\n{\n}\n')
     (tmp_path / "shot.usda").write_text("#usda 1.0\n(\n    subLayers = [@./set.usda@]\n)\n")
     with pytest.raises(ValueError, match=r"shot\.usda: not a USD stage"):
