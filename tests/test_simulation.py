@@ -30,6 +30,9 @@ def simulate(scene, frames=3, **options):
 
 CUBE = ws.Surface(path="/World/Cube", mesh=ws.Mesh.box(0.3), transform=at(0.6, 1.5, 0))
 BALL = ws.Collider(path="/World/Ball", mesh=ws.Mesh.sphere(0.3, 16), transform=at(0, 1.2, 0))
+WAY = ws.Samples([1.0, 5.0], np.array([at(0, 1.2, 0), at(0.3, 1.2, 0)]))
+ROUGH = replace(BALL, transform=WAY, friction=1.0)
+CHANNEL = ("periodic", "periodic", "closed", "open", "periodic", "periodic")
 
 
 # What switches an effect on, the modules whose kernels it launches, and labels of the memory that it takes.
@@ -182,9 +185,11 @@ def test_fields_can_be_written_between_steps():
         {"viscosity": 0.01},
         {"viscosity": 0.01, "diffusion_solver": "jacobi"},
         {"density_diffusion": 0.01, "colliders": [BALL]},
+        {"viscosity": 0.01, "colliders": [ROUGH]},
+        {"viscosity": 0.01, "colliders": [ROUGH], "boundary": CHANNEL},
         {"advection": "semi_lagrangian"},
         {"advection": "bfecc"},
-        {"boundary": ("periodic", "periodic", "closed", "open", "periodic", "periodic")},
+        {"boundary": CHANNEL},
         {"colliders": [BALL]},
         {"pressure_solver": "multigrid"},
         {"pressure_solver": "jacobi"},

@@ -33,8 +33,9 @@ _DIFFUSION = {"spectral": 0, "jacobi": 3}
 _TRIANGLE = 48 + 108
 _LIGHT_BLOCK = 16384  # cells that `shading.volume` lights at a time
 _GHOSTS = 7  # at both ends of periodic axes, with the default Courant number
+_MOVING = 4  # velocity of solid faces, and the cells that were fluid before
 _FRICTION = 3  # of faces
-_PULL = 7  # of walls that move, along two axes on each face; and the field that it acts on
+_PULL = 6  # of walls that move, along two axes on each face
 _ADVECTION = {"semi_lagrangian": 7.0, "semi_lagrangian_cubic": 7.0, "maccormack": 16.0, "bfecc": 20.0}
 
 
@@ -72,6 +73,7 @@ def _domain_bytes(plan: DomainPlan) -> int:
         floats += _FLOW + _SOLVER[plan.pressure_solver] + _ADVECTION[plan.advection]
         if plan.pressure_solver != "spectral" and not plan.colliders:
             floats += _OPEN_FACES
+        floats += _MOVING * any(is_moving(each) for each in plan.colliders)
         floats += 20 / plan.lattice.shape[1]  # sums along j, in double precision
         floats += _ghost_floats(plan)
     floats += sum(_array_floats(each) for each in (*plan.emitters, *plan.colliders))
@@ -80,9 +82,20 @@ def _domain_bytes(plan: DomainPlan) -> int:
         floats += _DIFFUSION[plan.diffusion_solver]
         if plan.diffusion_solver == "jacobi" and not plan.colliders:
             floats += _OPEN_FACES
-        rough = [each for each in plan.colliders if each.friction]
-        floats += _FRICTION * bool(rough) + _PULL * any(is_moving(each) for each in rough)
+        floats += _friction_floats(plan)
     return int(4 * plan.lattice.cells * floats)
+
+
+def _friction_floats(plan: DomainPlan) -> float:
+    """Floats for each cell of the colliders' friction and pull, the field that they act on, and all among ghosts."""
+    rough = [each for each in plan.colliders if each.friction]
+    pulls = any(is_moving(each) for each in rough)
+    floats = _FRICTION * bool(rough) + _PULL * pulls
+    if plan.diffusion_solver == "jacobi" and "periodic" in plan.lattice.sides:
+        ring = [2 * (side == "periodic") for side in plan.lattice.sides[0::2]]
+        grown = prod(n + ghosts for n, ghosts in zip(plan.lattice.shape, ring, strict=True)) / plan.lattice.cells
+        floats += (floats + _OPEN_FACES) * grown
+    return floats + pulls
 
 
 def _ghost_floats(plan: DomainPlan) -> float:
