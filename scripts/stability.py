@@ -45,6 +45,7 @@ ELSEWHERE = {
         "test_bad_values_are_named_in_one_line",
         "test_bad_settings_are_named_in_one_line",
         "test_stops_at_what_is_not_finite",
+        "test_a_field_that_is_not_finite_keeps_the_checkpoint",
     ],
     "Reruns and threads": [
         "test_same_bits_for_any_number_of_threads",

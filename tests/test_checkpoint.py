@@ -136,6 +136,29 @@ def test_the_stage_of_a_run_cut_short(tmp_path):
     assert not [problem for problem in validate_stage(tmp_path / "scene.usda") if problem.severity == "error"]
 
 
+def test_a_field_that_is_not_finite_keeps_the_checkpoint(monkeypatch, tmp_path):
+    """The run stops with field, cell and frame; the frames before stay, and it goes on from them to the same bytes."""
+    scene = plume(frames=5)
+    expected = digests(ws.run(scene, tmp_path / "whole").folder)
+    step, made = ws.Simulation.step, []
+
+    def spoiled(simulation):
+        if len(made) == 3:
+            density = simulation.density.numpy().copy()
+            density[5, 6, 7] = np.nan
+            simulation.density = density
+        return step(simulation)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ws.Simulation, "step", spoiled)
+        with pytest.raises(FloatingPointError, match=r"/World/Smoke: (density|velocity) is nan .* at frame 4, after "):
+            ws.run(scene, tmp_path / "cut", checkpoint_every=1, on_frame=made.append)
+    assert read_checkpoint(tmp_path / "cut" / "scene.checkpoint").frame == 3
+    assert Usd.Stage.Open(str(tmp_path / "cut" / "scene.usda")).GetEndTimeCode() == 3
+    assert ws.run(scene, tmp_path / "cut", resume=True).report["resumed_after"] == 3
+    assert digests(tmp_path / "cut") == expected
+
+
 def test_a_finished_run_keeps_no_checkpoint(tmp_path):
     """The checkpoint, and what waits for the stage, are gone; no hidden file stays."""
     ws.run(busy_scene(frames=3), tmp_path, checkpoint_every=1)
