@@ -27,3 +27,9 @@ def device(request):
 def launcher(device):
     """A launcher on the device, with the machine's threads."""
     return Launcher(device)
+
+
+@pytest.fixture
+def divided_launches(monkeypatch):
+    """Divides every launch among all threads, however short it is."""
+    monkeypatch.setattr("warp_smoke.launch._SECONDS_WORTH_A_THREAD", 1e-9)

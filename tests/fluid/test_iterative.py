@@ -159,6 +159,7 @@ def test_solids_that_move_within_their_cells_cost_nothing(launcher):
         assert launcher.launches["_sum_weights"] == before + prepared
 
 
+@pytest.mark.usefixtures("divided_launches")
 @pytest.mark.parametrize("name", AROUND_SOLIDS)
 def test_same_bits_for_any_number_of_threads(name):
     """1, 2 and 7 threads give bit-equal pressures and the same status."""

@@ -139,6 +139,7 @@ def obstacle(resolution: int = 20) -> Scene:
     return replace(scene, colliders=[Collider(path="/World/Ball", mesh=Mesh.sphere(0.3, 16), transform=path)])
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads():
     """1, 2 and 7 threads: the same bits in every field after several steps around a moving ball."""
     results = [fields(run(Launcher("cpu", threads), obstacle(40), frames=3)[0]) for threads in (1, 2, 7)]
