@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scenes import at, floor, plume
-from study_rows import make_row
+from study_rows import FakeSuite, make_row
 
 import warp_smoke as ws
 from warp_smoke.lattice import Lattice
 from warp_smoke.picture import SmokeVolume
-from warp_smoke.study import disclosure, study
+from warp_smoke.study import conduct, disclosure, study
 from warp_smoke.study.conduct import disclose_study
 from warp_smoke.study.measure import measure_case
 from warp_smoke.study.outcome import Outcome, differences
@@ -168,6 +168,20 @@ def test_recommended_is_the_cheapest_that_is_nearly_the_best():
     assert recommended(rows, "l2").median == 2.0
     rows = [make_row(key=str(t), median=t, errors={"l2": e}) for e, t in ((0.1, 1.0), (0.05, 2.0), (0.0, 9.0))]
     assert recommended(rows, "l2").median == 2.0
+
+
+def test_a_stage_stays_on_the_page(launcher, tmp_path, monkeypatch):
+    """A suite that is measured later in the folder of a stage joins it: the stage's rows and its section remain."""
+    monkeypatch.setattr(disclosure, "source_digest", lambda: "0" * 12)
+    monkeypatch.setattr(conduct, "load_suite", lambda name: FakeSuite({"quick": (0.1, 1.0)}))
+    room = _room()
+    row = make_row(suite="scene", problem=SURFACE_SHADOWS, method="hard", errors={"shadows": 0.1}, reference="rays")
+    Store(tmp_path, disclose_study(launcher, room)).add(row)
+    result = study(room, tmp_path, suites=["flow"], device=str(launcher.device), threads=launcher.threads)
+    assert [row.method for row in result.rows] == ["hard", "quick"]
+    assert "for shadows of surfaces hard at 8" in result.recommendation
+    page = result.page.read_text()
+    assert page.index("The stage scene") < page.index("A suite")
 
 
 def test_results_of_another_stage_are_refused(launcher, tmp_path, monkeypatch):
