@@ -32,7 +32,7 @@ import warp as wp
 wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
 wp.set_module_options({"enable_backward": False})
 
-# Waking a thread and waiting for it takes 100 to 190 µs: so much work is worth it.
+# Waking a thread and waiting for it took 100 to 190 µs on two shared cores: so much work is worth it.
 _SECONDS_WORTH_A_THREAD = 150e-6
 # What a cell, a query of a mesh and an item of a list are taken to cost before a kernel has been timed.
 _SECONDS_A_CELL, _SECONDS_A_QUERY, _SECONDS_AN_ITEM = 10e-9, 600e-9, 150e-9
@@ -158,7 +158,7 @@ class Launcher:
         self.launches, self.allocated = Counter(), Counter()
         self._recorded = {}
         self._recording = False
-        self._seconds = {}  # that a cell or item takes by kernel
+        self._seconds = {}  # that a cell or item takes, by kernel and bits of their number
         self._workers = [_Worker() for _ in range(self.threads - 1)]
 
     def __del__(self):
@@ -234,7 +234,8 @@ class Launcher:
             return
         self.launches[kernel.key] += 1
         row = prod(inner) * run
-        expected = self._seconds.get(kernel, seconds) * rows * row
+        size = kernel, (rows * row).bit_length()
+        expected = self._seconds.get(size, seconds) * rows * row
         threads = 1 if self._recording else self.threads
         slabs = min(threads, rows, max(1, int(expected / _SECONDS_WORTH_A_THREAD)))
         key = (kernel, rows, inner, run, slabs)
@@ -260,7 +261,7 @@ class Launcher:
             for worker, _ in zip(self._workers, others, strict=False):
                 worker.join()
         if not self._recording:
-            self._seconds[kernel] = min(took, _GROWTH * self._seconds.get(kernel, took))
+            self._seconds[size] = min(took, _GROWTH * self._seconds.get(size, took))
 
     def synchronize(self) -> None:
         """Waits for the device, so that a clock may be read (nothing to wait for on the CPU)."""
