@@ -62,17 +62,11 @@ def run(
         NotFiniteError: a field is not finite; the checkpoint and the frames before stay.
         Interrupted: a signal came; a KeyboardInterrupt that says which.
     """
-    plan = scene if isinstance(scene, Plan) else None
-    if plan:
-        scene = plan.scene
-    elif not isinstance(scene, Scene):
-        scene = Scene.open(scene)
-    place = OutputFolder.of(scene, folder)
     if checkpoint_every is not None:
         whole("run", "checkpoint_every", checkpoint_every, 0, 10**9)
-    if plan is None:
-        choice = {"quality": quality, "max_error": max_error, "budget": budget}
-        plan = plan_run(scene, folder, **choice, resume=resume, device=device, threads=threads)
+    choice = {"quality": quality, "max_error": max_error, "budget": budget}
+    plan = _plan_of(scene, folder, **choice, resume=resume, device=device, threads=threads)
+    place = OutputFolder.of(plan.scene, folder)
 
     from warp_smoke.interrupt import Interrupted, Interruption
     from warp_smoke.output import Output, Result
@@ -105,6 +99,13 @@ def run(
         if depth_maps:
             output.write_depth_maps()
         return output.finish(set_up=ready - began)
+
+
+def _plan_of(scene: Scene | Plan | str | Path, folder: str | Path | None, **options) -> Plan:
+    """The plan itself, or that of a scene or a stage; see `plan_run`."""
+    if isinstance(scene, Plan):
+        return scene
+    return plan_run(scene if isinstance(scene, Scene) else Scene.open(scene), folder, **options)
 
 
 def plan_run(
