@@ -54,6 +54,16 @@ def test_drawing_never_takes_more_than_its_share(watch, cost):
     assert live.spent + cost >= min(SHARE * 200 * 0.05, 200 * cost) - cost
 
 
+def test_no_smoke_is_seen_before_the_first_frame(watch):
+    """The full box that is drawn to learn what that takes is not what the user looks at until there is smoke."""
+    live, _ = watch(plume(), 0.001)
+    before = live.picture()
+    live._view.show(live._stage.frame(Frame(1, {}, {}, {})))
+    np.testing.assert_array_equal(live.picture(), before)
+    live._view.show(live._stage.full_frame())
+    assert np.abs(live.picture().astype(int) - before).max() > 50
+
+
 def test_a_window_that_was_closed_draws_no_more(watch):
     """Told to close, it does at the next frame, and takes frames without a word after that."""
     live, clock = watch(plume(), 0.001)

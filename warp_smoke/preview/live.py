@@ -39,6 +39,10 @@ class LiveStage:
         full = {path: np.ones(lattice.shape, np.float32) for path, lattice in self._lattices.items()}
         return self._frame(self.scene.start, full, {})
 
+    def empty_frame(self) -> Frame:
+        """A frame without smoke, for the time until one is made."""
+        return self._frame(self.scene.start, {}, {})
+
     def frame(self, made: SimulatedFrame) -> Frame:
         """What was simulated, as it is drawn."""
         for (path, bake), values in made.pictures.items():
@@ -91,11 +95,13 @@ class LivePreview:
         began = clock()
         self._view.show(self._stage.full_frame())
         plotter.update()
+        # What the next drawing may cost: as much as the dearest of the last ones, on a machine that does other things.
+        self._costs = deque([clock() - began], maxlen=REMEMBERED)
+        self._view.show(self._stage.empty_frame())
+        plotter.update()
         self.drawn: list[int] = []
         self.spent = 0.0
         self._began = clock()
-        # What the next drawing may cost: as much as the dearest of the last ones, on a machine that does other things.
-        self._costs = deque([self._began - began], maxlen=REMEMBERED)
 
     def __call__(self, made: SimulatedFrame) -> None:
         """Draws a frame, unless that would add more than `SHARE` to the time that the run has taken so far.
