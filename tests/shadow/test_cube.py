@@ -259,6 +259,7 @@ def test_follows_light_and_casters(launcher, placed, visibility, point_light):
     assert launcher.launches["_trace_tiles"] == 3
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads(cast, point_light, bunny):
     """1, 2 and 7 threads trace bit-equal maps; a size that is no multiple of the tiles is covered whole."""
     maps = []

@@ -176,6 +176,7 @@ def test_far_from_the_origin_nothing_changes(launcher, placed, distant_light, vi
     assert np.mean(results[0] != results[1]) < 1e-3
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads(cast, distant_light, bunny):
     """1, 2 and 7 threads trace bit-equal maps; a size that is no multiple of the tiles is covered whole."""
     maps = []

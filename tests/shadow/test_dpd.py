@@ -311,6 +311,7 @@ def test_light_inside_is_refused(launcher, lattice_at, point_light):
             DpdSmokeShadow(launcher, lattice, point_light(position), ORIGIN, 1.0)
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads(lattice_at, point_light):
     """1, 2 and 7 threads fill bit-equal buffers."""
     lattice = lattice_at((33, 20, 24))

@@ -95,6 +95,7 @@ def test_distant_light_is_blocked_from_any_distance(launcher, cast, distant_ligh
     np.testing.assert_array_equal(visibility(_shadow(launcher, distant_light((0, -1, 0)), cast()), points, UP), 1)
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads(cast, point_light, visibility, sample_surface, bunny):
     """1, 2 and 7 threads give the same answer for every point."""
     points, normals = sample_surface(bunny, (0, 0, 0), 5000, np.random.default_rng(0))

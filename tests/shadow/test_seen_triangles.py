@@ -8,6 +8,7 @@ from scenes import shining
 from scipy.spatial import ConvexHull
 
 from warp_smoke.geometry import Mesh
+from warp_smoke.launch import Launcher
 from warp_smoke.scene import SpotLight
 from warp_smoke.shadow import coverage
 from warp_smoke.shadow.cube import CubeShadow
@@ -95,3 +96,17 @@ def test_light_on_a_triangle(launcher, cast, point_light, place):
     assert np.all(depth[[0, 1, 4, 5], 32] == 1.0)
     np.testing.assert_array_equal(depth[2], 1.0)
     assert 0.5 / shadow.map.far < depth[3].min() < 1.0
+
+
+@pytest.mark.usefixtures("divided_launches")
+@pytest.mark.parametrize("kind", KINDS)
+def test_same_bits_for_any_number_of_threads(cast, lights, kind):
+    """1, 2 and 7 threads list and trace bit-equal maps."""
+    light, casters = (
+        replace(lights[kind], shadow_map_size=67),
+        cast((Mesh.box(8.0), (0, 1, 0)), (Mesh.box(1), (1, -2, 0))),
+    )
+    maps = [_traced(Launcher("cpu", n), light, kind, casters)._depths.depth.numpy().copy() for n in (1, 2, 7)]
+    np.testing.assert_array_equal(maps[1], maps[0])
+    np.testing.assert_array_equal(maps[2], maps[0])
+    assert maps[0].min() < 1.0

@@ -349,6 +349,7 @@ def test_thin_domains(launcher, lattice_at, point_light, distant_light, transmit
         np.testing.assert_allclose(lit, np.exp(-0.1 * shape[1]), rtol=tolerance)
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads(lattice_at, point_light, transmittance):
     """1, 2 and 7 threads fill bit-equal buffers."""
     lattice = lattice_at((48, 64, 56))

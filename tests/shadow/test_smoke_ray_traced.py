@@ -100,6 +100,7 @@ def test_thin_domains(launcher, lattice_at, distant_light, transmittance, shape)
     np.testing.assert_allclose(lit, np.exp(-0.3 * shape[1]), rtol=1e-5)
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads(lattice_at, point_light, transmittance):
     """1, 2 and 7 threads give bit-equal results."""
     lattice = lattice_at((8, 9, 7))

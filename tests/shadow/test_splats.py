@@ -144,6 +144,7 @@ def test_no_smoke_lets_all_light_through(launcher, lattice_at, point_light, tran
     np.testing.assert_array_equal(transmittance(shadow, points=points), 1.0)
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads(lattice_at, point_light):
     """1, 2 and 7 threads fill bit-equal buffers with every splat."""
     lattice = lattice_at((20, 33, 24))
