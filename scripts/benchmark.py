@@ -43,7 +43,7 @@ LEAST_FIELDS = {
     "add_buoyancy": 3,  # temperature read, one component of the velocity read and written
 }
 # Trilinear samples of eight neighbours that kernels take for each of their cells.
-SAMPLES = {"trace_by_midpoint": 3, "_guess": 1, "corrected_clamped": 1, "corrected_reverted": 1}
+SAMPLES = {"trace_both_ways_by_midpoint": 3, "_guess": 1, "corrected_clamped": 1, "corrected_reverted": 1}
 # Which cells are fluid, and the open shares of the faces, beside a collider.
 LEAST_FIELDS_OF_SOLIDS = {"project_pressure": 4, "advect_velocity": 4}
 

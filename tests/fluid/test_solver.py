@@ -277,7 +277,7 @@ def test_still_air_costs_nothing(device):
     assert solver.state.velocity is None
     assert solver.state.pressure is None
     assert not {"velocity", "pressure", "advection", "temperature"} & launcher.allocated.keys()
-    of_moving_air = {"trace_by_midpoint", "_guess", "_measure_divergence_whole", "_measure_motion"}
+    of_moving_air = {"trace_both_ways_by_midpoint", "_guess", "_measure_divergence_whole", "_measure_motion"}
     assert not of_moving_air & launcher.launches.keys()
     assert [report.pressure for report in reports] == [[]] * 4
     assert solver.state.density.numpy().max() == pytest.approx(np.exp(-0.5 * 4 * 0.25), rel=1e-6)

@@ -7,8 +7,8 @@ import pytest
 import warp as wp
 
 from warp_smoke.fluid.grid import all_cells
-from warp_smoke.fluid.runge_kutta import TRACES, trace_back
-from warp_smoke.fluid.trace import make_displacement, trace_ahead, trace_limits
+from warp_smoke.fluid.runge_kutta import TRACES, trace_back, trace_both_ways
+from warp_smoke.fluid.trace import make_displacement, trace_limits
 
 SHAPE = (16, 17, 18)
 OPEN, CLOSED = ("open",) * 6, ("closed",) * 6
@@ -28,12 +28,18 @@ def _turned(points: np.ndarray, angle: float) -> np.ndarray:
     return CENTER + along + np.cos(angle) * (r - along) + np.sin(angle) * np.cross(AXIS, r)
 
 
+def _points(d) -> np.ndarray:
+    """A displacement of every cell, [n, 3]."""
+    return np.stack([along.numpy().ravel() for along in (d.x, d.y, d.z)], axis=1)
+
+
 def _traces(launcher, velocity, step, limits, scheme="rk2"):
-    """Displacements backwards and forwards of every cell, each [n, 3]."""
-    back, ahead = (make_displacement(launcher, SHAPE) for _ in range(2))
-    trace_back(launcher, scheme, all_cells(SHAPE), velocity, step, limits, back)
-    trace_ahead(launcher, all_cells(SHAPE), velocity, step, limits, back, ahead)
-    return [np.stack([along.numpy().ravel() for along in (d.x, d.y, d.z)], axis=1) for d in (back, ahead)]
+    """Displacements backwards and forwards of every cell, each [n, 3]; the trace back alone is the same."""
+    back, ahead, alone = (make_displacement(launcher, SHAPE) for _ in range(3))
+    trace_both_ways(launcher, scheme, all_cells(SHAPE), velocity, step, limits, back, ahead)
+    trace_back(launcher, scheme, all_cells(SHAPE), velocity, step, limits, alone)
+    np.testing.assert_array_equal(_points(alone), _points(back))
+    return _points(back), _points(ahead)
 
 
 FAR = wp.vec3(-100.0, -100.0, -100.0), wp.vec3(100.0, 100.0, 100.0)

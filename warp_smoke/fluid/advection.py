@@ -139,13 +139,9 @@ class SemiLagrangian:
             self._air, self._traced = air, patch_of(air, self._traced)
             for faces in self._faces:
                 faces.activate(air)
-            for displacement in self._displacements():
+            for displacement in self._ways():
                 for along in (displacement.x, displacement.y, displacement.z):
                     along.zero_()
-
-    def _displacements(self) -> tuple[Displacement, ...]:
-        """Of the traces, 0 where velocity is not carried."""
-        return (self._back,)
 
     def trace(self, velocity: tuple, step: float, courant: float = inf) -> None:
         """Traces through one step; what is advected next follows these traces.
@@ -155,15 +151,19 @@ class SemiLagrangian:
             step: dt / h [s/m].
             courant: cells that air moves in the step, at most.
         """
-        self._trace_back(velocity, step, courant)
-        if self._boundary:
-            self._boundary.stop(self._back, self._back)
-
-    def _trace_back(self, velocity: tuple, step: float, courant: float) -> None:
         if self._boundary:
             self._boundary.follow(courant)
             self._boundary.extend(velocity)
+        self._trace(velocity, step)
+        if self._boundary:
+            self._boundary.stop(*self._ways())
+
+    def _trace(self, velocity: tuple, step: float) -> None:
         trace_back(self._launcher, self._scheme, self._traced, velocity, step, self._trace_limits, self._back)
+
+    def _ways(self) -> tuple[Displacement, Displacement]:
+        """Displacements backwards and ahead, which may be the same: those that samples are taken at."""
+        return self._back, self._back
 
     def advect_velocity(self, velocity: tuple, wind: tuple[float, float, float] | None = None) -> tuple:
         """Carries u, v, w; returns them, in other arrays or the given ones, and keeps the others for the next time.

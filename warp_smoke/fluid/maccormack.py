@@ -12,8 +12,9 @@ from warp_smoke.fluid.advection import SemiLagrangian, end_of_trace
 from warp_smoke.fluid.grid import Block
 from warp_smoke.fluid.halo import copy_samples
 from warp_smoke.fluid.interpolation import blend, corners, fraction, greater, lesser, mixed, sample, settle, within
+from warp_smoke.fluid.runge_kutta import trace_both_ways
 from warp_smoke.fluid.samples import Samples
-from warp_smoke.fluid.trace import Displacement, make_displacement, trace_ahead
+from warp_smoke.fluid.trace import Displacement, make_displacement
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
@@ -175,17 +176,18 @@ class MacCormack(SemiLagrangian):
             samples: [each[: prod(samples.shape)].reshape(samples.shape) for each in bounds] for samples in self._spare
         }
 
-    def _displacements(self) -> tuple[Displacement, ...]:
-        return self._back, self._ahead
-
     def trace(self, velocity: tuple, step: float, courant: float = inf) -> None:
         """Traces through one step both ways."""
         reach = min(3.0 * courant, max(self._cells.shape)) + _STENCIL  # the trace ahead is 2 s u more than that back
         self._reach = ceil(reach / _ALIGNMENT) * _ALIGNMENT
-        self._trace_back(velocity, step, courant)
-        trace_ahead(self._launcher, self._traced, velocity, step, self._trace_limits, self._back, self._ahead)
-        if self._boundary:
-            self._boundary.stop(self._back, self._ahead)
+        super().trace(velocity, step, courant)
+
+    def _trace(self, velocity: tuple, step: float) -> None:
+        launcher, scheme, limits = self._launcher, self._scheme, self._trace_limits
+        trace_both_ways(launcher, scheme, self._traced, velocity, step, limits, *self._ways())
+
+    def _ways(self) -> tuple[Displacement, Displacement]:
+        return self._back, self._ahead
 
     def _carry(self, samples: Samples, field: wp.array, limits: tuple, ambient: float, new: wp.array) -> None:
         copy_samples(self._launcher, samples.near(self._reach), field, self._guess[samples])

@@ -8,6 +8,7 @@ import warp as wp
 
 from warp_smoke.fluid.grid import Patch
 from warp_smoke.fluid.trace import Displacement, face_sums, trace_by_midpoint, tracing_kernel, velocity_at
+from warp_smoke.fluid.two_way_trace import trace_both_ways_by_midpoint, two_way_kernel
 from warp_smoke.launch import Launcher
 
 wp.set_module_options({"enable_backward": False})
@@ -29,10 +30,16 @@ def by_ralston(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float],
     return -step / 9.0 * (2.0 * a + 3.0 * b + 4.0 * c)
 
 
+# By the name of the rule: backwards alone, and both ways.
 TRACES = {
     "euler": tracing_kernel(by_euler, __name__),
     "rk2": trace_by_midpoint,
     "rk3": tracing_kernel(by_ralston, __name__),
+}
+_TWO_WAY_TRACES = {
+    "euler": two_way_kernel(by_euler, __name__),
+    "rk2": trace_both_ways_by_midpoint,
+    "rk3": two_way_kernel(by_ralston, __name__),
 }
 
 
@@ -57,3 +64,28 @@ def trace_back(
         back: written.
     """
     launcher.launch(TRACES[scheme], *cells, *velocity, step, *limits, back)
+
+
+def trace_both_ways(
+    launcher: Launcher,
+    scheme: str,
+    cells: Patch,
+    velocity: tuple,
+    step: float,
+    limits: tuple[wp.vec3, wp.vec3],
+    back: Displacement,
+    ahead: Displacement,
+) -> None:
+    """Traces from each cell's centre to where its smoke was one step ago, and to where it will be one step on.
+
+    Args:
+        launcher: where it runs.
+        scheme: one of `TRACES`.
+        cells: those to trace from.
+        velocity: u, v, w on faces [m/s].
+        step: dt / h [s/m].
+        limits: where traces end, see `trace_limits`.
+        back: written.
+        ahead: written.
+    """
+    launcher.launch(_TWO_WAY_TRACES[scheme], *cells, *velocity, step, *limits, back, ahead)

@@ -1,12 +1,12 @@
-"""Traces of the smoke through one step: where it came from, and where it goes.
+"""Traces of the smoke through one step: where it came from.
 
-Backwards by the midpoint rule (RK2); J. Stam, *Stable Fluids*, 1999. Displacements are in cells, one for each cell
-centre; all fields share them.
+By the midpoint rule (RK2); J. Stam, *Stable Fluids*, 1999. Displacements are in cells, one for each cell centre; all
+fields share them.
 """
 
 import warp as wp
 
-from warp_smoke.fluid.grid import Block, Patch
+from warp_smoke.fluid.grid import Block
 from warp_smoke.fluid.interpolation import sample, within
 from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
@@ -55,17 +55,27 @@ def make_displacement(launcher: Launcher, shape: tuple[int, int, int]) -> Displa
 
 
 @wp.func
-def store_displacement(i: int, j: int, k: int, d: wp.vec3, lower: wp.vec3, upper: wp.vec3, d_out: Displacement):
-    """Stores the displacement d of a cell, shortened to end within [lower, upper]."""
-    dx = dense_store(d_out.x)
-    dy = dense_store(d_out.y)
-    dz = dense_store(d_out.z)
+def shortened(i: int, j: int, k: int, d: wp.vec3, lower: wp.vec3, upper: wp.vec3):
+    """The displacement d of a cell, shortened to end within [lower, upper]."""
     x = float(i)
     y = float(j)
     z = float(k)
-    dx[i, j, k] = bits(within(d[0], lower[0] - x, upper[0] - x))
-    dy[i, j, k] = bits(within(d[1], lower[1] - y, upper[1] - y))
-    dz[i, j, k] = bits(within(d[2], lower[2] - z, upper[2] - z))
+    return wp.vec3(
+        within(d[0], lower[0] - x, upper[0] - x),
+        within(d[1], lower[1] - y, upper[1] - y),
+        within(d[2], lower[2] - z, upper[2] - z),
+    )
+
+
+@wp.func
+def store_displacement(i: int, j: int, k: int, d: wp.vec3, d_out: Displacement):
+    """Stores the displacement d of a cell."""
+    dx = dense_store(d_out.x)
+    dy = dense_store(d_out.y)
+    dz = dense_store(d_out.z)
+    dx[i, j, k] = bits(d[0])
+    dy[i, j, k] = bits(d[1])
+    dz[i, j, k] = bits(d[2])
 
 
 def tracing_kernel(rule: wp.Function, module: str) -> wp.Kernel:
@@ -95,8 +105,8 @@ def tracing_kernel(rule: wp.Function, module: str) -> wp.Kernel:
         k = wp.max(block.first[2] + c * rows.run, 0)
         end = wp.min(k + rows.run, block.stop)
         while k < end:
-            d = rule(u, v, w, step, i, j, k)
-            store_displacement(i, j, k, d, lower, upper, d_out)
+            d = shortened(i, j, k, rule(u, v, w, step, i, j, k), lower, upper)
+            store_displacement(i, j, k, d, d_out)
             k += 1
 
     return trace
@@ -112,63 +122,8 @@ def by_midpoint(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float]
 trace_by_midpoint = tracing_kernel(by_midpoint, __name__)
 
 
-@wp.kernel
-def _trace_ahead(
-    rows: Rows,
-    block: Block,
-    u: wp.array3d[float],
-    v: wp.array3d[float],
-    w: wp.array3d[float],
-    step: float,
-    lower: wp.vec3,
-    upper: wp.vec3,
-    d: Displacement,
-    e_out: Displacement,
-):
-    """Reverse: e = d + 2 s u(x), s = dt / h, d the displacement backwards, and x + e kept within [lower, upper].
-
-    d = −s u + ½ s² u·∇u + O(s³) and its counterpart forwards is s u + ½ s² u·∇u + O(s³):
-    their difference is 2 s u.
-    """
-    i, j, c = wp.tid()
-    i += rows.first + block.first[0]
-    j += block.first[1]
-    dx = dense(d.x)
-    dy = dense(d.y)
-    dz = dense(d.z)
-    k = wp.max(block.first[2] + c * rows.run, 0)
-    end = wp.min(k + rows.run, block.stop)
-    while k < end:
-        e = wp.vec3(dx[i, j, k], dy[i, j, k], dz[i, j, k]) + step * face_sums(u, v, w, i, j, k)
-        store_displacement(i, j, k, e, lower, upper, e_out)
-        k += 1
-
-
 def trace_limits(shape: tuple[int, int, int], sides: tuple[str, ...]) -> tuple[wp.vec3, wp.vec3]:
     """Where traces end, lower and upper, in cell indices: on closed sides, and a cell's centre beyond open ones."""
     lower = [-0.5 if side == "closed" else -1.0 for side in sides[0::2]]
     upper = [n - (0.5 if side == "closed" else 0.0) for n, side in zip(shape, sides[1::2], strict=True)]
     return wp.vec3(*lower), wp.vec3(*upper)
-
-
-def trace_ahead(
-    launcher: Launcher,
-    cells: Patch,
-    velocity: tuple,
-    step: float,
-    limits: tuple[wp.vec3, wp.vec3],
-    back: Displacement,
-    ahead: Displacement,
-) -> None:
-    """Traces from each cell's centre to where its smoke will be one step on.
-
-    Args:
-        launcher: where it runs.
-        cells: those to trace from.
-        velocity: u, v, w on faces [m/s].
-        step: dt / h [s/m].
-        limits: where traces end, see `trace_limits`.
-        back: what `runge_kutta.trace_back` made of the same velocity.
-        ahead: written.
-    """
-    launcher.launch(_trace_ahead, *cells, *velocity, step, *limits, back, ahead)
