@@ -56,6 +56,12 @@ def test_box_and_ball_take_few_iterations(launcher, sides, n):
         assert iterations(launcher, fluid, sides, 1e-6) <= 8
 
 
+def test_as_many_iterations_for_many_cells(launcher):
+    """Around a ball in a closed box, 128³ cells take as many iterations to 1e-4 as 32³, up to two."""
+    few, many = (iterations(launcher, ball((n, n, n)), CLOSED, 1e-4) for n in (32, 128))
+    assert abs(many - few) <= 2
+
+
 @pytest.mark.parametrize("shape", [(33, 40, 17), (31, 31, 31), (5, 7, 150), (1, 64, 50)], ids=str)
 @pytest.mark.parametrize("sides", [CLOSED, OPEN, MIXED], ids=["closed", "open", "mixed"])
 def test_odd_sizes_and_thin_boxes_take_no_more(launcher, shape, sides):
