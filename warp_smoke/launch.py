@@ -212,7 +212,8 @@ class Launcher:
     def record(self, passes: Callable[[], None]) -> Callable[[], None]:
         """Runs passes on this thread, and returns what runs them again, on the same arrays with the same numbers.
 
-        On the CPU that takes 1 µs for each launch, not 9. Recording takes about 0.1 ms for each.
+        On the CPU that takes 1 µs for each launch, not 9. Recording takes about 0.1 ms for each; meanwhile no other
+        thread may launch anything, as Warp would record that too.
         """
         passes()  # so that no kernel is compiled while recording
         self._recording = True
