@@ -165,7 +165,8 @@ def test_flow_follows_a_piston(launcher):
     for across in velocity[1:]:
         # The pressure is up to 10 cells times the speed, and rounded to 2⁻²⁴ of that.
         np.testing.assert_allclose(across.numpy(), 0.0, atol=5e-6 * speed)
-    assert np.abs(divergence).max() <= 1e-5 * speed
+    # The sum over a cell's faces is rounded by up to 34 half ulps of that pressure, which no solver gets below.
+    assert np.abs(divergence).max() <= 34 * 2.0**-24 * 10 * speed
 
 
 def test_piston_in_a_closed_tube_reports_the_imbalance(launcher):
