@@ -1,11 +1,15 @@
-"""Signatures of kernels: few parameters, in one order."""
+"""Kernels: few parameters in one order, and compiled before they are launched."""
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from scenes import at, plume
 
 import warp_smoke
+from warp_smoke.kernels import kernel_modules
+from warp_smoke.launch import Launcher
 
 _FILES = [
     path for path in sorted(Path(warp_smoke.__file__).parent.rglob("*.py")) if "@wp.kernel" in path.read_text("utf-8")
@@ -29,3 +33,19 @@ def test_kernels_take_few_parameters_in_one_order(path):
         assert ast.unparse(kernel.args.args[0].annotation) == "Rows", kernel.name
         assert any(written), kernel.name
         assert written == sorted(written), kernel.name
+
+
+BALL = warp_smoke.Collider(path="/World/Ball", mesh=warp_smoke.Mesh.sphere(0.3, 16), transform=at(0, 1.2, 0))
+
+
+@pytest.mark.parametrize("colliders", [(), (BALL,)], ids=["box", "ball"])
+@pytest.mark.parametrize("scheme", ["semi_lagrangian", "semi_lagrangian_cubic", "maccormack", "bfecc"])
+def test_all_kernels_are_compiled_beforehand(monkeypatch, scheme, colliders):
+    """Steps launch no kernel of a module that the plan did not name, which would be compiled in the middle of a run."""
+    launched, launch = set(), Launcher._launch
+    monkeypatch.setattr(Launcher, "_launch", lambda *args: [launched.add(args[1].module.name), launch(*args)])
+    simulation = warp_smoke.Simulation(replace(plume(advection=scheme, vorticity=0.5), colliders=colliders))
+    for _ in range(3):
+        simulation.step()
+    assert "warp_smoke.fluid.emitters" in launched
+    assert launched <= set(kernel_modules(simulation.plan))

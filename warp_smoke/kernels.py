@@ -8,7 +8,7 @@ from warp_smoke.scene import Collider
 
 # What several pressure solvers share; `open_faces` of a box without colliders is among those of solid faces.
 _ITERATIVE = ("fluid.solid_faces", "fluid.pressure.components", "fluid.pressure.iterative")
-_CONJUGATE_GRADIENTS = (*_ITERATIVE, "fluid.pressure.conjugate_gradient")
+_CONJUGATE_GRADIENTS = (*_ITERATIVE, "fluid.pressure.conjugate_gradient", "fluid.pressure.preconditioner")
 _SPECTRAL_DIFFUSION = ("fluid.transforms", "fluid.diffusion.scalar", "fluid.diffusion.spectral")
 _JACOBI_DIFFUSION = ("fluid.solid_faces", "fluid.diffusion.scalar", "fluid.diffusion.jacobi")
 # Module of kernels by the pass that launches them, and by pass and method where that decides.
@@ -33,11 +33,10 @@ _FLUID = {
     ),
     "project_pressure spectral_conjugate_gradient": (
         *_CONJUGATE_GRADIENTS,
-        "fluid.pressure.preconditioner",
         "fluid.pressure.spectral",
         "fluid.transforms",
     ),
-    "project_pressure conjugate_gradient": (*_CONJUGATE_GRADIENTS, "fluid.pressure.preconditioner"),
+    "project_pressure conjugate_gradient": _CONJUGATE_GRADIENTS,
     "project_pressure red_black": (*_ITERATIVE, "fluid.pressure.relaxation"),
     "project_pressure jacobi": (*_ITERATIVE, "fluid.pressure.relaxation"),
     "advect_density": ("fluid.halo", "fluid.advection"),
