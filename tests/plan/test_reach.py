@@ -8,6 +8,7 @@ from scenes import at, shining
 
 import warp_smoke as ws
 from warp_smoke.lattice import place_lattice
+from warp_smoke.plan import reach
 from warp_smoke.plan.reach import in_box, in_range, may_shadow, swept_corners
 from warp_smoke.record import Samples
 
@@ -28,6 +29,21 @@ def segment_meets_box(start, end, lower, upper):
         t = sorted(((lower - start)[axis] / direction[axis], (upper - start)[axis] / direction[axis]))
         near, far = max(near, t[0]), min(far, t[1])
     return near <= far
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_few_and_many_points_agree(monkeypatch, flat):
+    """Axes that may separate, for few points, decide as the linear program does, for many; flat hulls as well."""
+    decided = []
+    for most in (100, 0):
+        monkeypatch.setattr(reach, "_MOST_FOR_AXES", most)
+        rng = np.random.default_rng(4)
+        for _ in range(100):
+            points = rng.normal(size=(rng.integers(1, 16), 3)) * (1, not flat, 1) + rng.normal(size=3)
+            half = rng.uniform(0.1, 1, 3)
+            decided.append(reach._hull_meets_box(points, -half, half))
+    assert decided[:100] == decided[100:]
+    assert 10 < sum(decided[:100]) < 90
 
 
 @settings(max_examples=200, deadline=None)

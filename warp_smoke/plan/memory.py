@@ -21,7 +21,7 @@ _STATE = {"emit_density": 1, "emit_temperature": 1, "voxelize_colliders": 4, "co
 _FLOW = 5  # velocity, pressure's first guess and divergence
 _SOLVER = {
     "spectral": 1.1,
-    "multigrid": 13.5,
+    "multigrid": 12.5,
     "spectral_conjugate_gradient": 8.4,
     "conjugate_gradient": 7.2,
     "red_black": 5.2,

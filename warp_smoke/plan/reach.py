@@ -1,5 +1,7 @@
 """Which things can touch which: conservative tests on bounds over all frames, for the plan."""
 
+from itertools import combinations
+
 import numpy as np
 
 from warp_smoke.geometry import Points, transform_points
@@ -7,6 +9,10 @@ from warp_smoke.lattice import Lattice
 from warp_smoke.record import Samples, each_value
 from warp_smoke.scene import DistantLight, Light, Prim, SpotLight
 
+# Points up to which every axis that may separate is tried, in 30 ms; for more a linear program (0.3 s to import).
+_MOST_FOR_AXES = 48
+# A gap that counts, as a share of the scene: more than round-off.
+_GAP = 1e-9
 _CORNERS = np.array([[i, j, k] for i in (0.0, 1.0) for j in (0.0, 1.0) for k in (0.0, 1.0)])
 
 
@@ -134,21 +140,42 @@ def times_in(samples: Samples, frames: range) -> np.ndarray:
 
 
 def _hull_meets_box(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
-    """Whether the convex hull of points [n, 3] meets a box: is there λ ≥ 0, Σλ = 1 with lower ≤ λ·points ≤ upper?"""
+    """Whether the convex hull of points [n, 3] meets a box; touching counts as meeting."""
     if np.any(points.max(axis=0) < lower) or np.any(points.min(axis=0) > upper):
         return False
     if np.any(np.all((points >= lower) & (points <= upper), axis=1)):
         return True
     centre = (lower + upper) / 2
-    scale = max(np.abs(points - centre).max(), 1e-30)  # unit-sized numbers for the solver's absolute tolerances
-    p, low, high = ((a - centre) / scale for a in (points, lower, upper))
-    from scipy.optimize import linprog  # takes 0.3 s to import, and most pairs are settled above
+    scale = max(np.abs(points - centre).max(), 1e-30)  # unit-sized numbers for absolute tolerances
+    p, low, high = ((a - centre) / scale for a in (np.unique(points, axis=0), lower, upper))
+    return not _any_axis_separates(p, high) if len(p) <= _MOST_FOR_AXES else _program_is_feasible(p, low, high)
+
+
+def _any_axis_separates(points: np.ndarray, half: np.ndarray) -> bool:
+    """Whether a plane parts the hull of points [n, 3] from the box −half to half.
+
+    By the separating axis theorem one of these is the normal of such a plane, if there is any: a side of the box (which
+    the bounds have settled), a normal of three of the points, or the cross product of an axis and the line through two.
+    """
+    i, j = np.triu_indices(len(points), 1)
+    edges = np.unique(points[j] - points[i], axis=0)
+    a, b, c = points[np.array(list(combinations(range(len(points)), 3)), int).reshape(-1, 3).T]
+    axes = np.concatenate([np.cross(b - a, c - a), *(np.cross(edges, axis) for axis in np.eye(3))])
+    length = np.linalg.norm(axes, axis=1)
+    axes = axes[length > 0.0] / length[length > 0.0, None]
+    along, reach = axes @ points.T, np.abs(axes) @ half
+    return bool(np.any((along.min(axis=1) > reach + _GAP) | (along.max(axis=1) < -reach - _GAP)))
+
+
+def _program_is_feasible(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
+    """The same for many points: is there λ ≥ 0, Σλ = 1 with lower ≤ λ · points ≤ upper?"""
+    from scipy.optimize import linprog  # takes 0.3 s to import
 
     answer = linprog(
-        np.zeros(len(p)),
-        A_ub=np.concatenate([p.T, -p.T]),
-        b_ub=np.concatenate([high, -low]),
-        A_eq=np.ones((1, len(p))),
+        np.zeros(len(points)),
+        A_ub=np.concatenate([points.T, -points.T]),
+        b_ub=np.concatenate([upper, -lower]),
+        A_eq=np.ones((1, len(points))),
         b_eq=[1.0],
     )
     return answer.status != 2  # 2 = proven infeasible; anything else counts as meeting
