@@ -29,7 +29,7 @@ READER = Path(__file__).parents[1] / "damage.py"
 @pytest.mark.parametrize(
     ("first", "end"), [pytest.param(0, 80, id="80"), pytest.param(80, 880, id="800", marks=pytest.mark.slow)]
 )
-def test_damaged_stages(tmp_path, suffix, first, end):
+def test_damaged_stages(tmp_path, suffix, first, end, record_property):
     """80 (slow: 800) damaged copies of an example stage, as text and as binary: read, or refused in one line."""
     stage = tmp_path / f"stage{suffix}"
     shutil.copytree(STAGES / "textures", tmp_path / "textures")
@@ -40,6 +40,7 @@ def test_damaged_stages(tmp_path, suffix, first, end):
     assert done.returncode == 0, done.stdout[-100:] + done.stderr[-2000:]
     results = done.stdout.split()
     assert results.count("refused") + results.count("taken") == end - first
+    record_property(f"{suffix} copies refused, of {end - first}", results.count("refused"))
     assert results.count("refused")
 
 
