@@ -244,3 +244,11 @@ def test_linked_surfaces_cast_the_only_shadows():
     without = baked([other], None)
     np.testing.assert_array_equal(baked([ball, other], ("/World/Floor", "/World/Other")), without)
     assert baked([ball, other], None).sum() < without.sum()
+
+
+def test_no_smoke_to_step():
+    """A scene without smoke says why there is none, with the domain's path."""
+    scene = plume()
+    scene = replace(scene, emitters=[replace(each, transform=at(100, 0, 0)) for each in scene.emitters])
+    with pytest.raises(ValueError, match=r"calls for no smoke: /World/Smoke: "):
+        ws.Simulation(scene).density  # noqa: B018

@@ -115,11 +115,13 @@ class Simulation:
         Raises:
             ValueError: the plan has no smoke there.
         """
-        if path is None and self._solvers:
+        if not self._solvers:
+            why = "; ".join(": ".join((*o.subjects, o.why)) for o in self.plan.left_out if o.name == "simulate")
+            raise ValueError(f"the scene calls for no smoke: {why}")
+        if path is None:
             path = next(iter(self._solvers))
         if path not in self._solvers:
-            allowed = ", ".join(self._solvers) or "none: the scene calls for no smoke"
-            raise ValueError(f"domain is {path}; allowed: {allowed}")
+            raise ValueError(f"domain is {path}; allowed: {', '.join(self._solvers)}")
         return self._solvers[path]
 
     @property

@@ -118,6 +118,15 @@ def test_each_effect_is_switched_off():
     assert "advect_density" in {each.name for each in ws.make_plan(without["vorticity confinement"]).passes}
 
 
+def test_turbulence_of_emitters_is_switched_off_too():
+    """Air that a domain and its emitter stir is stirred by neither without turbulence."""
+    scene = plume()
+    domains = [replace(each, turbulence=2.0) for each in scene.domains]
+    scene = replace(scene, domains=domains, emitters=[replace(each, turbulence=1.0) for each in scene.emitters])
+    still = effects_off(scene, ws.make_plan(scene))["turbulence"]
+    assert "stir_air" not in {each.name for each in ws.make_plan(still).passes}
+
+
 def test_runs_are_compared_with_the_finest(launcher):
     """What is the same as its reference is off by 0, everything else by more; times of passes are known."""
     suite = SceneStudy(_full_stage())

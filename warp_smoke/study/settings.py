@@ -54,6 +54,9 @@ def effects_off(scene: Scene, plan: Plan) -> dict[str, Scene]:
     for name, (effect, fields) in _WITHOUT.items():
         if name in passes:
             without[effect] = replace(scene, domains=[replace(domain, **fields) for domain in scene.domains])
+    if "stir_air" in passes:
+        calm = [replace(each, turbulence=0.0) if isinstance(each, Emitter) else each for each in scene.emitters]
+        without["turbulence"] = replace(without["turbulence"], emitters=calm)
     if "vary_emission" in passes:
         even = {"noise": 0.0, "source": "volume"}
         emitters = [replace(each, **even) if isinstance(each, Emitter) else each for each in scene.emitters]
