@@ -219,6 +219,15 @@ def test_motion_is_inherited(launcher):
     assert not _source(launcher).pushes
 
 
+def test_a_turn_at_the_end_of_a_step_makes_no_part_of_its_own(launcher):
+    """A switch that rounding puts just inside a step leaves it whole: over 1e-15 s a motion would be noise."""
+    path = Samples([1.0, 2.0], [_moved(0, 0, 0), _moved(0.1, 0, -0.05)])
+    for switch in (np.nextafter(1.0, 2.0), np.nextafter(1.5, 1.0)):
+        changes = {"enabled": Samples([0.0, switch], [False, True]), "transform": path}
+        source = _source(launcher, rate=2.0, inherit_velocity=1.0, **changes)
+        assert [tuple(each) for each in source.sweep(1.0, 1.5, 0.5)] == [(1.0, 1.5, 0.5)]
+
+
 @pytest.mark.parametrize("axis", range(3))
 def test_closed_sides_stay_closed(launcher, axis):
     """An emitter that sticks out of the domain pushes the faces of open sides, and not those of closed ones."""

@@ -6,6 +6,7 @@ where the air is slower that way or moves the other way: what has become faster,
 rate · dt · density · f, with Σ f made the emitter's own volume: the mass is the same for any number of substeps.
 """
 
+from bisect import insort
 from collections.abc import Iterable, Iterator
 from itertools import pairwise, product
 from math import ceil
@@ -25,6 +26,9 @@ from warp_smoke.record import Samples, each_value, value_at
 from warp_smoke.scene import Emitter
 
 wp.set_module_options({"enable_backward": False})
+
+# Share of a step: over a shorter part, the distance that a surface moves would be lost in its position's round-off.
+_LEAST_PART = 1e-6
 
 
 @wp.kernel
@@ -157,12 +161,15 @@ def divide(start: float, end: float, dt: float, parts: int, changing: Iterable[o
         parts: how many.
         changing: values, or `Samples` of them.
     """
-    times = np.linspace(start, end, parts + 1)
-    samples = [each.times for each in changing if isinstance(each, Samples)]
-    turns = [time for each in samples for time in each if start < time < end]
-    if not turns:
-        return [Interval(*ends, dt / parts) for ends in pairwise(times.tolist())]
-    return [Interval(a, b, dt * (b - a) / (end - start)) for a, b in pairwise(np.union1d(times, turns).tolist())]
+    times = np.linspace(start, end, parts + 1).tolist()
+    samples = [each.times.tolist() for each in changing if isinstance(each, Samples)]
+    turns = {time for each in samples for time in each if start < time < end}
+    for time in sorted(turns):
+        if min(abs(time - each) for each in times) > _LEAST_PART * (end - start):
+            insort(times, time)
+    if len(times) == parts + 1:
+        return [Interval(*ends, dt / parts) for ends in pairwise(times)]
+    return [Interval(a, b, dt * (b - a) / (end - start)) for a, b in pairwise(times)]
 
 
 class Source:
