@@ -1,16 +1,13 @@
 """A run watched while it works, at a bounded cost: frames that would take too much of its time are not drawn."""
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from time import perf_counter
 
 import numpy as np
 import pyvista as pv
 
-from warp_smoke.lattice import place_lattice
-from warp_smoke.preview.grids import centers_to_world
-from warp_smoke.preview.lights import lights_of
-from warp_smoke.preview.stage import Frame, light_smoke
+from warp_smoke.preview.live_stage import LiveStage
 from warp_smoke.preview.view import StageView
 from warp_smoke.scene import Scene
 from warp_smoke.simulation import Frame as SimulatedFrame
@@ -20,53 +17,6 @@ SHARE = 0.1
 # Voxels between samples: a third of the time that one voxel takes.
 STEP = 3.0
 REMEMBERED = 4  # drawings
-
-
-class LiveStage:
-    """A scene as it is drawn while it is simulated; the same attributes as `PreviewStage`."""
-
-    def __init__(self, scene: Scene):
-        self.scene = scene
-        self.lights, self.ambient = lights_of(scene)
-        self.volumes = len(scene.domains)
-        self.has_results = False
-        self._lattices = {domain.path: place_lattice(scene, domain) for domain in scene.domains}
-        self._pictures: dict[str, np.ndarray] = {}
-        self._colors: dict[str, np.ndarray] = {}
-
-    def full_frame(self) -> Frame:
-        """A frame with smoke all over, as dear to draw as any."""
-        full = {path: np.ones(lattice.shape, np.float32) for path, lattice in self._lattices.items()}
-        return self._frame(self.scene.start, full, {})
-
-    def empty_frame(self) -> Frame:
-        """A frame without smoke, for the time until one is made."""
-        return self._frame(self.scene.start, {}, {})
-
-    def frame(self, made: SimulatedFrame) -> Frame:
-        """What was simulated, as it is drawn."""
-        for (path, bake), values in made.pictures.items():
-            if bake == "lit":
-                (self._pictures if values.dtype in (np.uint8, np.uint16) else self._colors)[path] = values
-        densities = {path: fields.density for path, fields in made.smoke.items()}
-        return self._frame(made.number, densities, {path: fields.light for path, fields in made.smoke.items()})
-
-    def _frame(
-        self,
-        number: int,
-        densities: Mapping[str, np.ndarray | None],
-        scattered: Mapping[str, np.ndarray | None],
-    ) -> Frame:
-        smoke = []
-        for domain in self.scene.domains:
-            density, extinction = densities.get(domain.path), domain.extinction * self.scene.meters_per_unit
-            if density is None or not extinction:
-                smoke.append(None)
-                continue
-            to_world = centers_to_world(self._lattices[domain.path])
-            light = scattered.get(domain.path)
-            smoke.append(light_smoke(density, to_world, extinction, self.lights, self.ambient, number, light))
-        return Frame(number, tuple(smoke), dict(self._pictures), dict(self._colors))
 
 
 class LivePreview:

@@ -1,7 +1,6 @@
 """What is drawn of a stage: its set, lights and smoke at a frame, seen through its camera."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pyvista as pv
@@ -10,15 +9,13 @@ from warp_smoke.geometry import normalized, transform_points
 from warp_smoke.preview.camera import View, box_corners, camera_view, framed_view
 from warp_smoke.preview.dress import DressedSurface
 from warp_smoke.preview.lights import set_lights
+from warp_smoke.preview.live_stage import LiveStage
 from warp_smoke.preview.marks import mark_domain, mark_emitter, mark_light
 from warp_smoke.preview.slices import SliceActors
 from warp_smoke.preview.stage import Frame, PreviewStage
 from warp_smoke.preview.volume import SmokeActor
 from warp_smoke.record import Record, Samples
 from warp_smoke.scene import Emitter, Material
-
-if TYPE_CHECKING:
-    from warp_smoke.preview.live import LiveStage
 
 TEXT_COLOR = "#e8e8e8"
 EMPTY = "Nothing to see: the stage has no mesh, smoke, emitter or light"
@@ -62,7 +59,7 @@ class StageView:
         follows_camera: whether the stage's own camera is looked through as it moves.
     """
 
-    def __init__(self, stage: "PreviewStage | LiveStage", plotter: pv.Plotter, step: float):
+    def __init__(self, stage: PreviewStage | LiveStage, plotter: pv.Plotter, step: float):
         self._stage, self.plotter, self._step = stage, plotter, step
         start = stage.scene.start
         plotter.set_background(BACKGROUND, top=BACKGROUND_TOP)
