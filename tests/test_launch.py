@@ -32,6 +32,7 @@ def _count_visits(rows: Rows, visits_inout: wp.array[int]):
     visits_inout[n] = visits_inout[n] + 1
 
 
+@pytest.mark.usefixtures("divided_launches")
 @pytest.mark.parametrize("shape", [(70, 64, 64), (3, 5, 7), (1, 1, 1), (129, 33, 31)])
 def test_same_bits_for_any_number_of_threads(shape):
     """1, 2 and 7 threads write bit-equal arrays, equal to NumPy's where the sum has one order."""
@@ -49,6 +50,7 @@ def test_same_bits_for_any_number_of_threads(shape):
     np.testing.assert_allclose(results[0], expected, rtol=3e-7, atol=1e-6)
 
 
+@pytest.mark.usefixtures("divided_launches")
 @pytest.mark.parametrize("threads", [1, 2, 7])
 @pytest.mark.parametrize("count", [1, 6, 7, 4096, 10_001])
 def test_list_launch_visits_each_item_once(threads, count):

@@ -78,7 +78,7 @@ def test_crashes_and_endless_loops_are_told(monkeypatch, binary):
     monkeypatch.setattr(probe, "_try", loop)
     monkeypatch.setattr(probe, "_SECONDS", 0.1)
     monkeypatch.setattr(probe, "_SECONDS_PER_BYTE", 0.0)
-    with pytest.raises(ValueError, match="USD does not come to its end in 0 s"):
+    with pytest.raises(ValueError, match=r"USD does not come to its end in \d+ s"):
         check_readable(binary)
 
 
