@@ -62,6 +62,7 @@ def test_a_run_that_goes_on_gives_the_same_files(whole, tmp_path, frame, record_
     assert found == expected
 
 
+@pytest.mark.usefixtures("divided_launches")
 @pytest.mark.parametrize("threads", [1, 2, 7])
 def test_the_same_files_for_any_number_of_threads(whole, tmp_path, threads, record_property):
     """With everything on, runs on 1, 2 and 7 threads write the same bytes, twice on 1."""

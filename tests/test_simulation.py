@@ -135,6 +135,7 @@ def test_minimal_plan_equals_full_plan():
             np.testing.assert_array_equal(pixels, b.pictures[key])
 
 
+@pytest.mark.usefixtures("divided_launches")
 @pytest.mark.parametrize("collider", [False, True])
 def test_same_bits_for_any_number_of_threads(collider):
     """Fields and pictures of whole frames are bit-equal for 1, 2 and 7 threads, and from run to run."""

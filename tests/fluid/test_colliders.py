@@ -241,6 +241,7 @@ def test_projection_is_idempotent(launcher):
     assert status.converged
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads():
     """1, 2 and 7 threads give bit-equal solids and flows."""
     lattice = lattice_of((67, 40, 36), MIXED)

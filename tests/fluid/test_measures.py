@@ -66,6 +66,7 @@ def test_sees_what_is_not_finite(launcher, upload, bad, where):
     assert not np.isfinite(measures.departure(upload(scalar), 0.0))
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_sums_for_any_number_of_threads():
     """1, 2 and 7 threads measure the same to the bit."""
     shape = (70, 64, 64)

@@ -162,6 +162,7 @@ def test_gradient_keeps_closed_sides(launcher):
             np.testing.assert_array_equal(np.moveaxis(u.numpy(), axis, 0)[end], np.moveaxis(old, axis, 0)[end])
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads():
     """1, 2 and 7 threads give bit-equal divergences and velocities."""
     shape, sides = (67, 61, 35), ("open", "closed", "closed", "open", "open", "open")

@@ -127,6 +127,7 @@ def test_widths_that_are_refused(widths):
         Points(np.zeros((2, 3)), widths)
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads():
     """1, 2 and 7 threads give bit-equal shares and velocities."""
     rng = np.random.default_rng(1)

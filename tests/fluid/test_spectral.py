@@ -178,6 +178,7 @@ def test_second_order_in_space(launcher):
     assert slope == pytest.approx(2.0, abs=0.05)
 
 
+@pytest.mark.usefixtures("divided_launches")
 @pytest.mark.parametrize("sides", [CLOSED, MIXED], ids=["closed", "mixed"])
 def test_same_bits_for_any_number_of_threads(sides):
     """1, 2 and 7 threads give bit-equal pressures and the same status, scipy's threads included."""

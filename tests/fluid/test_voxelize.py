@@ -358,6 +358,7 @@ def test_any_triangles_give_finite_shares(points, triangles, margin):
     assert np.all((fraction >= 0.0) & (fraction <= 1.0))
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads():
     """1, 2 and 7 threads give bit-equal shares and velocities."""
     transform = Samples(np.array([0.0, 1.0]), np.stack([placed(0, 0, 0), placed(0.1, 0.2, 0.3)]))

@@ -263,6 +263,7 @@ def test_sides_of_the_domain_stand_still(launcher, sides):
     np.testing.assert_allclose(solids.velocity[0].numpy()[0], expected, rtol=1e-5)
 
 
+@pytest.mark.usefixtures("divided_launches")
 def test_same_bits_for_any_number_of_threads():
     """1, 2 and 7 threads give bit-equal walls, speeds and held cells."""
     results = []
