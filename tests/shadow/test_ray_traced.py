@@ -122,3 +122,12 @@ def test_rays_from_anywhere(launcher, cast, point_light, distant_light, visibili
         expected = visibility(within, points, normals)
         assert 0.5 < expected.mean() < 1.0
         np.testing.assert_array_equal(visibility(anywhere, points, normals), expected)
+
+
+@pytest.mark.parametrize("depth", [0.3, 30.0, 3e5])
+def test_a_distant_lights_rays_from_anywhere_have_no_end(launcher, cast, distant_light, visibility, depth):
+    """However far below a small plate, a point such as a cell of smoke is in its shadow; beside it, it is lit."""
+    plate = cast((Mesh.grid((-0.1, 0, 0.1), (0.2, 0, 0), (0, 0, -0.2)), (0, 0, 0)))
+    shadow = _shadow(launcher, distant_light((0, -1, 0)), plate, None)
+    points = np.array([[0.01, -depth, 0.02], [0.21, -depth, 0.02]])
+    np.testing.assert_array_equal(visibility(shadow, points, UP), [0.0, 1.0])

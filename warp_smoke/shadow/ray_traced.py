@@ -19,6 +19,8 @@ wp.set_module_options({"enable_backward": False})
 AREA_RAYS = 64
 # Of the angle that a light fills, seen from a point: near and inside it, rays go to what is less than half of it.
 _WIDEST_SINE = wp.constant(0.99)
+# How far a distant light is from points that may be anywhere [stage units]; its square is a float.
+_FAR_AWAY = 1e15
 
 
 @wp.kernel
@@ -141,18 +143,19 @@ class RayTracedShadow:
         # A receiver is to clear its own triangles; others may be far larger, like a sky around the set.
         self._offset = round_off(extent)
         if isinstance(self._light, DistantLight):
-            self._place_distant(time, max(self._casters.extent, extent))
+            past_all = 4.0 * max(self._casters.extent, extent)
+            self._place_distant(time, _FAR_AWAY if self._receivers is None else past_all)
         else:
             self._place_point(time)
 
-    def _place_distant(self, time: float, extent: float) -> None:
+    def _place_distant(self, time: float, distance: float) -> None:
         direction = self._light.direction_at(time)
-        past_all = -4.0 * extent * direction
-        self._homogeneous = wp.vec4(*past_all.tolist(), 0.0)
+        to_light = -distance * direction
+        self._homogeneous = wp.vec4(*to_light.tolist(), 0.0)
         self._near, self._far = 0.0, float(np.inf)
         # As wide in the sky as the light, seen from the set.
         sine = min(np.sin(np.radians(min(0.5 * self._light.angle, 80.0))), _WIDEST_SINE)
-        self._radius = float(np.linalg.norm(past_all) * sine)
+        self._radius = float(distance * sine)
         if self._receivers is not None:
             self._mask_distant(direction, sine)
 
