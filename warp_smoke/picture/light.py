@@ -106,7 +106,7 @@ class PictureLight:
         return share
 
 
-def _bounds(casters: Casters, volumes: Sequence["SmokeVolume"], origin: np.ndarray) -> np.ndarray:
+def _bounds(casters: Casters, volumes: Sequence[SmokeVolume], origin: np.ndarray) -> np.ndarray:
     """Boxes of all that surfaces may shadow, in set space, [n, 2, 3]: the surfaces, and each volume's smoke."""
     boxes = [np.stack([casters.lower, casters.upper])]
     for each in volumes:
