@@ -33,7 +33,8 @@ def window_of(open_plotter):
 
 def _seen(window, view):
     """The floor's grey once the window has caught up with its slider."""
-    for _ in range(200):
+    window.poll()
+    while window._loading is not None:
         window.poll()
     return view.picture()[100, 20].tolist()
 

@@ -167,14 +167,17 @@ class Window:
 
     def _reopen(self) -> None:
         """Shows the stage as its files are now, in the same look and from the same side."""
+        self._loader.close()  # USD lets nobody read what is read again
         try:
             stage = self._stage.reopened()
             frame = min(max(self._wanted, stage.scene.start), stage.scene.end)
             loaded = stage.load(frame, self._thickness, self._quantity, self._switches)
         except (ValueError, OSError) as error:
+            self._loader = FrameLoader(self._load(), self._frames)
+            if self._loading is not None:  # it was given up, unless it had begun
+                self._requested = self._loading = None
             self._say_error(str(error))
             return
-        self._loader.close()
         self._overlay.remove_sliders()
         self._show(stage, self._view.succeeded_by(stage), loaded)
         self._plotter.render()
