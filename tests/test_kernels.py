@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from busy_scene import busy_scene
 from scenes import at, plume
 
 import warp_smoke
@@ -38,14 +39,29 @@ def test_kernels_take_few_parameters_in_one_order(path):
 BALL = warp_smoke.Collider(path="/World/Ball", mesh=warp_smoke.Mesh.sphere(0.2, 16), transform=at(0, 1.2, 0))
 
 
-@pytest.mark.parametrize("colliders", [(), (BALL,)], ids=["box", "ball"])
-@pytest.mark.parametrize("scheme", ["semi_lagrangian", "semi_lagrangian_cubic", "maccormack", "bfecc"])
-def test_all_kernels_are_compiled_beforehand(monkeypatch, scheme, colliders):
-    """Steps launch no kernel of a module that the plan did not name, which would be compiled in the middle of a run."""
+@pytest.fixture
+def launched_modules(monkeypatch):
+    """Modules of the kernels that have been launched."""
     launched, launch = set(), Launcher._launch
     monkeypatch.setattr(Launcher, "_launch", lambda *args: [launched.add(args[1].module.name), launch(*args)])
+    return launched
+
+
+@pytest.mark.parametrize("colliders", [(), (BALL,)], ids=["box", "ball"])
+@pytest.mark.parametrize("scheme", ["semi_lagrangian", "semi_lagrangian_cubic", "maccormack", "bfecc"])
+def test_all_kernels_are_compiled_beforehand(launched_modules, scheme, colliders):
+    """Steps launch no kernel of a module that the plan did not name, which would be compiled in the middle of a run."""
     simulation = warp_smoke.Simulation(replace(plume(advection=scheme), colliders=colliders))
     for _ in range(3):
         simulation.step()
-    assert "warp_smoke.fluid.emitters" in launched
-    assert launched <= set(kernel_modules(simulation.plan))
+    assert "warp_smoke.fluid.emitters" in launched_modules
+    assert launched_modules <= set(kernel_modules(simulation.plan))
+
+
+def test_all_kernels_of_a_busy_scene_are_compiled_beforehand(launched_modules):
+    """Likewise with points that emit, walls that move, turbulence, wind, diffusion, coloured smoke and light grids."""
+    simulation = warp_smoke.Simulation(busy_scene())
+    for _ in range(3):
+        simulation.step()
+    assert "warp_smoke.fluid.point_voxels" in launched_modules
+    assert launched_modules <= set(kernel_modules(simulation.plan))

@@ -2,9 +2,10 @@
 
 from importlib import import_module
 
+from warp_smoke.geometry import Points
 from warp_smoke.plan import LightPlan, Plan
 from warp_smoke.plan.reach import is_moving
-from warp_smoke.scene import Collider
+from warp_smoke.scene import Collider, Emitter
 
 # What several pressure solvers share; `open_faces` of a box without colliders is among those of solid faces.
 _ITERATIVE = ("fluid.solid_faces", "fluid.pressure.components", "fluid.pressure.iterative")
@@ -72,6 +73,8 @@ def kernel_modules(plan: Plan) -> list[str]:
         for key in (each.name, f"{each.name} {each.method}"):
             found.update(_FLUID.get(key, ()))
     for domain in plan.domains:
+        if any(isinstance(each, Emitter) and isinstance(each.mesh, Points) for each in domain.emitters):
+            found.add("fluid.point_voxels")
         if "voxelize_colliders" in domain.passes:
             if any(each.friction for each in domain.colliders):
                 found.add("fluid.friction")
