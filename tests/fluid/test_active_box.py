@@ -147,7 +147,7 @@ def test_changes_little_and_cuts_nothing_off(case):
 
 
 def test_sixty_frames_of_the_plume():
-    """The example's density differs by 1 % in L2 at most over 60 frames: at the end swirls amplify what differs."""
+    """The example's density differs by 0.1 % in L2 at most over 60 frames: five times what was measured."""
     scene = ws.Scene.open(STAGES / "plume.usda")
     scene = replace(scene, surfaces=(), lights=(), end=scene.start + 59)
     on, off = ws.Simulation(scene), ws.Simulation(_switched_off(scene))
@@ -155,7 +155,7 @@ def test_sixty_frames_of_the_plume():
         on.step()
         off.step()
         part, whole = on.density.numpy(), off.density.numpy()
-        assert np.linalg.norm(part - whole) <= 1e-2 * np.linalg.norm(whole)
+        assert np.linalg.norm(part - whole) <= 1e-3 * np.linalg.norm(whole)
     assert whole.sum() > 0
 
 
