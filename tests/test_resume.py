@@ -92,3 +92,12 @@ def test_an_edited_stage_is_noticed(choose, tmp_path):
     brighter = replace(scene, lights=[replace(scene.lights[0], intensity=7.0), *scene.lights[1:]])
     with pytest.raises(ValueError, match="/World/Lamp: intensity was"):
         ws.run(brighter, tmp_path, resume=True, budget=40.0)
+
+
+def test_an_edited_stage_is_measured_anew_after_a_finished_run(choose, tmp_path):
+    """What was chosen for the stage as it was is not taken over once the run is finished and the stage is another."""
+    choose += [10, 14]
+    ws.run(plume(frames=1), tmp_path, budget=40.0)
+    report = ws.run(plume(frames=2), tmp_path, resume=True, budget=40.0).report
+    assert report["chosen"]["settings"]["/World/Smoke"]["resolution"] == 14
+    assert not report["chosen"]["taken_over"]

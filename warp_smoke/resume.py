@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from warp_smoke.checkpoint import Checkpoint, read_checkpoint
-from warp_smoke.fingerprint import digest
+from warp_smoke.fingerprint import digest, fingerprint
 from warp_smoke.output_folder import OutputFolder
 from warp_smoke.quality import Chosen
 from warp_smoke.scene import Scene
@@ -32,35 +32,37 @@ def finished_report(folder: OutputFolder, made_of: dict[str, str]) -> dict | Non
     return report if report.get("fingerprint") == digest(made_of) else None
 
 
-def choice_before(folder: OutputFolder, scene: Scene, by: str) -> tuple[Scene, Chosen] | None:
+def choice_before(folder: OutputFolder, scene: Scene, by: str, device: str) -> tuple[Scene, Chosen] | None:
     """A scene with the settings that the run in a folder had chosen for it: measured again, others might be.
 
     Args:
         folder: where the run is.
         scene: as the stage has it.
         by: what asks for settings now.
+        device: where it is to run.
 
     Returns:
-        The scene, and what was chosen; None if there is no run, or it is finished and had others.
+        The scene, and what was chosen; None if there is no run, or it is finished and was of another scene or choice.
 
     Raises:
         ValueError: the checkpoint is damaged, or of a run whose settings something else had asked for.
     """
-    if folder.checkpoint.exists():
-        chosen = read_checkpoint(folder.checkpoint).report["chosen"]
-        before = chosen["by"] if chosen else "nothing"
-        if before != by:
-            difference = f"settings were chosen by {before} and are by {by}"
-            raise ValueError(
-                f"{folder.checkpoint}: the checkpoint is of another run: {difference}; allowed: the same, or no resume"
-            )
-    else:
-        chosen = folder.read_report().get("chosen")
-        if not chosen or chosen["by"] != by:
+    goes_on = folder.checkpoint.exists()
+    chosen = (read_checkpoint(folder.checkpoint).report if goes_on else folder.read_report()).get("chosen")
+    before = chosen["by"] if chosen else "nothing"
+    if before != by:
+        if not goes_on:
             return None
+        difference = f"settings were chosen by {before} and are by {by}"
+        raise ValueError(
+            f"{folder.checkpoint}: the checkpoint is of another run: {difference}; allowed: the same, or no resume"
+        )
     settings = chosen["settings"]
     changed = {
         kind: [replace(each, **settings.get(each.path, {})) for each in getattr(scene, kind)]
         for kind in ("domains", "lights")
     }
-    return replace(scene, **changed), Chosen(**chosen | {"taken_over": True})
+    settled = replace(scene, **changed)
+    if not goes_on and finished_report(folder, fingerprint(settled, device)) is None:
+        return None
+    return settled, Chosen(**chosen | {"taken_over": True})

@@ -138,7 +138,7 @@ def plan_run(
     if max_error is None and budget is None:
         return make_plan(scene, quality=quality)
     asked = {"max_error": max_error, "budget": budget}
-    settled = choice_before(place, scene, words_of_choice(**asked)) if resume else None
+    settled = choice_before(place, scene, words_of_choice(**asked), device) if resume else None
     if settled is None:
         from warp_smoke.study.choice import choose  # needs Warp, which takes a moment to load
 
