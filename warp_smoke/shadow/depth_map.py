@@ -183,6 +183,7 @@ class DepthMap:
         self._tiles = launcher.zeros(faces * across**2, "shadow_map", dtype=int)
         lists = coverage.tile_lists(faces, size, triangles)
         self._listed = launcher.zeros(lists, "shadow_map", dtype=int)
+        self._planes = launcher.zeros(triangles if self.lists_triangles else 0, "shadow_map", dtype=Planes)
         self._covered = np.zeros(self.deepest.shape, bool)
         self._clear()
 
@@ -212,7 +213,9 @@ class DepthMap:
         where = TileList()
         where.tiles, where.count = self._tiles, len(tiles)
         seen = SeenTriangles()
-        seen.planes, seen.count = self._launcher.array(planes, "shadow_map", dtype=Planes), len(planes)
+        if len(planes):
+            self._planes[: len(planes)].assign(planes)
+        seen.planes, seen.count = self._planes, len(planes)
         seen.rounding, seen.listed = rounding, self._listed
         size, launch = coverage.launch_size(len(tiles)), self._launcher.launch_each
         if self.lists_triangles:
