@@ -88,6 +88,17 @@ def test_another_resolution_than_the_stages(tmp_path):
     np.testing.assert_allclose(_codes(stage.load(6, switches=NOTHING)), _codes(stage.load(6)), atol=HALF)
 
 
+def test_values_at_points(bake):
+    """A floor with texture coordinates that overlap, and so baked at its points, is baked anew there too."""
+    scene = _scene()
+    floor = scene.surfaces[0]
+    uvs = np.array([[[0, 0], [3, 0], [3, 3]], [[3, 0.1], [3, 1.2], [2, 0.2]]], np.float32)
+    stage = bake(replace(scene, surfaces=[replace(floor, mesh=replace(floor.mesh, uvs=uvs)), BLOCKED]))
+    before, switched = stage.load(6), stage.load(6, switches=NOTHING)
+    assert before.pictures == switched.pictures == {}
+    np.testing.assert_allclose(switched.colors[FLOOR], before.colors[FLOOR], rtol=1e-2)  # of smoke in half precision
+
+
 def test_no_light_left(stage):
     """With all lights off, and without ambient light, nothing is baked: the floor has its material, unlit."""
     frame = stage.load(6, switches=Switches(off=frozenset({LAMP, SUN})))

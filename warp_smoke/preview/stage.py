@@ -151,16 +151,17 @@ class PreviewStage:
             domain, (values, to_world) = self._domain_of(volume.GetPrim()), read_grid(volume, "density", number)
             densities[domain.path] = values / np.float32(domain.density_scale), to_world
         if self._relit is None or self._relit[0] != switches:
-            sizes = dict.fromkeys(colors, 1) | {path: max(each.shape[:2]) for path, each in pictures.items()}
+            own = {each.path: each.receiver.texture_size for each in self.scene.surfaces if each.receiver}
+            sizes = {path: own.get(path, 1) for path in colors}
+            sizes |= {path: max(each.shape[:2]) for path, each in pictures.items()}
             self._relit = switches, Relighting(self.scene, sizes, densities, switches)
         relighting = self._relit[1]
         scattered = relighting.update(number, densities)
-        for before in (pictures, colors):
-            # What no light is left for has its material, which is black but for its glow.
-            for path in tuple(before):
-                del before[path]
-                if path in relighting.pictures:
-                    before[path] = relighting.pictures[path]
+        # What no light is left for has its material, which is black but for its glow.
+        pictures.clear()
+        colors.clear()
+        for path, made in relighting.pictures.items():
+            (pictures if made.dtype in (np.uint8, np.uint16) else colors)[path] = made
         return scattered
 
     def _load_smoke(
