@@ -4,13 +4,16 @@ import ast
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from busy_scene import busy_scene
 from scenes import at, plume
 
 import warp_smoke
 from warp_smoke.kernels import kernel_modules
+from warp_smoke.lattice import place_lattice
 from warp_smoke.launch import Launcher
+from warp_smoke.picture import PictureRenderer, SmokeVolume, render_kernels
 
 _FILES = [
     path for path in sorted(Path(warp_smoke.__file__).parent.rglob("*.py")) if "@wp.kernel" in path.read_text("utf-8")
@@ -65,3 +68,18 @@ def test_all_kernels_of_a_busy_scene_are_compiled_beforehand(launched_modules):
         simulation.step()
     assert "warp_smoke.fluid.point_voxels" in launched_modules
     assert launched_modules <= set(kernel_modules(simulation.plan))
+
+
+@pytest.mark.parametrize("shading", ["pixel", "vertex"])
+@pytest.mark.parametrize(
+    "fields", [{"shadow_filter": "area"}, {"smoke_diffusion": 1.0}, {"smoke_shadow": "ray_traced"}]
+)
+def test_all_kernels_of_a_picture_are_compiled_beforehand(launched_modules, launcher, shading, fields):
+    """Likewise a picture with smoke, whatever its shadows are."""
+    scene = replace(plume(), camera=warp_smoke.Camera(path="/World/Eye", transform=at(0, 1, 6)))
+    scene = replace(scene, lights=[replace(light, **fields) for light in scene.lights])
+    lattice = place_lattice(scene, scene.domains[0])
+    volumes = [SmokeVolume(scene.domains[0], lattice, np.ones(lattice.shape, np.float32))]
+    PictureRenderer(launcher, scene, 16, 12, shading=shading).render(1.0, volumes)
+    assert "warp_smoke.shading.smoke_march" in launched_modules
+    assert launched_modules <= set(render_kernels(scene, volumes))

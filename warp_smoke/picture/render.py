@@ -24,6 +24,7 @@ def render_kernels(scene: Scene, volumes: Sequence[SmokeVolume]) -> list[str]:
     if volumes:
         names |= {"shading.smoke_march", "shading.volume"}
         names |= {name for light in scene.lights for name in smoke_shadow_kernels(light.smoke_shadow)}
+        names |= {"shadow.diffusion" for light in scene.lights if light.smoke_diffusion}
     return [f"warp_smoke.{name}" for name in sorted(names)]
 
 
