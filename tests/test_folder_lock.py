@@ -1,9 +1,11 @@
 """Two runs in one folder: the second is told which process is at work, and nothing is overwritten."""
 
+import fcntl
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -34,6 +36,16 @@ def test_a_folder_is_held_once(tmp_path):
             check_unlocked(tmp_path)
     check_unlocked(tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_check_does_not_refuse_a_run(tmp_path):
+    """A run that begins while another is looking whether the folder is free waits for that moment."""
+    (tmp_path / ".run.lock").touch()
+    with open(tmp_path / ".run.lock") as looking:
+        fcntl.flock(looking, fcntl.LOCK_SH)
+        threading.Timer(0.03, fcntl.flock, (looking, fcntl.LOCK_UN)).start()
+        with locked(tmp_path):
+            pass
 
 
 def test_a_killed_process_holds_nothing(tmp_path):

@@ -89,6 +89,16 @@ def test_rows_of_another_length_are_recorded_anew(launcher):
         np.testing.assert_array_equal(out.numpy(), 2.0)
 
 
+def test_keeps_so_many_recorded_launches(launcher, monkeypatch):
+    """Ever new shapes do not keep ever more arrays alive, and launches that were dropped are recorded again."""
+    monkeypatch.setattr("warp_smoke.launch._MOST_RECORDED", 3)
+    for count in (1, 2, 3, 4, 5, 1):
+        visits = launcher.zeros(count, "test", dtype=int)
+        launcher.launch_each(_count_visits, count, visits)
+        np.testing.assert_array_equal(visits.numpy(), 1)
+    assert len(launcher._recorded) == 3
+
+
 def test_counts_launches_and_bytes(device):
     """Every launch and every byte is counted by name, and an empty launch does nothing."""
     launcher = Launcher(device, 2)

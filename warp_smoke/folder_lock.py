@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic, sleep
 
 from warp_smoke.record import FieldError
 
@@ -13,6 +14,7 @@ except ImportError:  # Windows, where runs do not keep each other out
     fcntl = None
 
 _NAME = ".run.lock"
+_PATIENCE = 0.3  # [s]
 
 
 @contextmanager
@@ -37,8 +39,16 @@ def locked(folder: Path) -> Iterator[None]:
 
 def check_unlocked(folder: Path) -> None:
     """Raises FieldError if a folder is locked."""
-    if fcntl and (folder / _NAME).exists():
-        os.close(_take(folder))
+    if fcntl is None:
+        return
+    try:
+        lock = os.open(folder / _NAME, os.O_RDONLY)
+    except FileNotFoundError:
+        return
+    try:
+        _lock(lock, fcntl.LOCK_SH, folder)
+    finally:
+        os.close(lock)
 
 
 def _take(folder: Path) -> int:
@@ -47,15 +57,28 @@ def _take(folder: Path) -> int:
     while True:
         lock = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            process = os.read(lock, 32).decode()
+            _lock(lock, fcntl.LOCK_EX, folder)
+        except FieldError:
             os.close(lock)
-            allowed = "a folder that no other run writes to"
-            raise FieldError(str(folder), "output folder", f"in use by process {process}", allowed) from None
+            raise
         if _is_at(file, lock):
             return lock
         os.close(lock)  # another process has just ended, and removed it
+
+
+def _lock(opened: int, kind: int, folder: Path) -> None:
+    """Locks an open file; one that is only being checked is free again after a moment."""
+    until = monotonic() + _PATIENCE
+    while True:
+        try:
+            return fcntl.flock(opened, kind | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if monotonic() > until:
+                break
+        sleep(0.01)
+    process = os.pread(opened, 32, 0).decode()
+    allowed = "a folder that no other run writes to"
+    raise FieldError(str(folder), "output folder", f"in use by process {process}", allowed)
 
 
 def _is_at(file: Path, opened: int) -> bool:

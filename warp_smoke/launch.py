@@ -38,6 +38,8 @@ _SECONDS_WORTH_A_THREAD = 150e-6
 _SECONDS_A_CELL, _SECONDS_A_QUERY, _SECONDS_AN_ITEM = 10e-9, 600e-9, 150e-9
 # A kernel's least time so far counts, but less and less, for its work may grow and a busy machine is no measure.
 _GROWTH = 1.25
+# Recorded launches that are kept, each with its last arrays: more than a step of the busiest scene has.
+_MOST_RECORDED = 4096
 
 
 @wp.struct
@@ -242,6 +244,8 @@ class Launcher:
         key = (kernel, rows, inner, run, slabs)
         recorded = self._recorded.get(key)
         if recorded is None:
+            if len(self._recorded) >= _MOST_RECORDED:  # boxes that move have ever new shapes: the oldest goes
+                del self._recorded[next(iter(self._recorded))]
             bounds = [rows * n // slabs for n in range(slabs + 1)]
             commands = []
             for first, end in pairwise(bounds):
