@@ -9,6 +9,7 @@ from scenes import at, plume
 
 import warp_smoke as ws
 from warp_smoke import make_plan
+from warp_smoke.vdb import read_vdb
 
 SHAPE = (16, 16, 16)
 X, Y, Z = np.indices(SHAPE) + 0.5
@@ -45,6 +46,80 @@ def test_force_in_each_substep():
     assert sum(dt for _, dt in calls) == pytest.approx(2 / 24)
     assert [time for time, _ in calls][-1] == pytest.approx(3.0)
     np.testing.assert_allclose(simulation.velocity[0].numpy(), 3.0 * 2 / 24, rtol=1e-5)
+
+
+def gust(solver, time, dt):
+    """A force that changes with time."""
+    solver.state.velocity[0].numpy()[...] += dt * 30.0 * np.cos(time)
+
+
+def test_a_run_writes_what_a_force_moves(tmp_path):
+    """The volumes are the fields of the Simulation with that force, from the second frame on others than without."""
+    domain = ws.SmokeDomain(path="/Smoke", resolution=16, grids=("density", "velocity"))
+    ball = ws.Emitter(path="/Ball", mesh=ws.Mesh.sphere(0.4, 16), temperature=0.0)
+    still = ws.Scene(domains=[domain], emitters=[ball], end=3)
+    assert "project_pressure" not in make_plan(still).domains[0].passes  # it is the force that moves the air
+    result = ws.run(still, tmp_path / "gust", on_substep=gust)
+    without = ws.run(still, tmp_path / "still")
+    assert (result.report["on_substep"], without.report["on_substep"]) == (True, False)
+    simulation = ws.Simulation(still, on_substep=gust)
+    for number in still.frames:
+        expected = simulation.step().smoke["/Smoke"]
+        files = [each.folder / f"volumes/Smoke.{number:04d}.vdb" for each in (result, without)]
+        # Half precision, and voxels that dim light by less than 1e-6 are dropped.
+        moved, unmoved = (dense(file, "density") for file in files)
+        np.testing.assert_allclose(moved, expected.density, rtol=2**-11, atol=1e-5)
+        assert np.array_equal(moved, unmoved) == (number == 1)
+    assert np.abs(expected.velocity[..., 0]).max() > 0.5
+
+
+def dense(file, name):
+    """A grid of a volume in the whole box."""
+    grid = read_vdb(file)[name]
+    values = np.zeros(SHAPE, np.float32)
+    values[tuple(slice(o, o + n) for o, n in zip(grid.origin, grid.values.shape, strict=True))] = grid.values
+    return values
+
+
+def test_a_run_with_a_force_goes_on_with_it_alone(tmp_path):
+    """Resumed with the force the files are the same to the bit; without it the run is refused, finished or not."""
+    scene = replace(plume(frames=4), surfaces=())
+
+    def stop(frame):
+        if frame.number == 2:
+            raise KeyboardInterrupt
+
+    whole = ws.run(scene, tmp_path / "whole", on_substep=gust)
+    with pytest.raises(KeyboardInterrupt):
+        ws.run(scene, tmp_path / "cut", on_substep=gust, on_frame=stop, checkpoint_every=1)
+    with pytest.raises(ValueError, match=r"another run: the script's on_substep is gone; allowed: the same"):
+        ws.run(scene, tmp_path / "cut", resume=True)
+    result = ws.run(scene, tmp_path / "cut", on_substep=gust, resume=True)
+    assert result.report["resumed_after"] == 2
+    for file in whole.folder.glob("volumes/*.vdb"):
+        assert (result.folder / "volumes" / file.name).read_bytes() == file.read_bytes()
+
+
+def test_a_force_needs_air_that_moves():
+    """A plan that was made without it, in which it would never be called, is refused."""
+    scene = ws.Scene(domains=[ws.SmokeDomain(path="/Smoke", resolution=16)], emitters=[held(density=SMOKE)])
+    with pytest.raises(ValueError, match="/Smoke: on_substep is given"):
+        ws.Simulation(make_plan(scene), on_substep=gust)
+    ws.Simulation(make_plan(scene, "on_substep"), on_substep=gust).step()
+
+
+def test_still_air_has_no_velocity():
+    """It reads as zeros, whatever was written there, in the shapes of air that moves; assigning is refused."""
+    simulation = ws.Simulation(scene([held(density=SMOKE)]))
+    assert "still_air" not in simulation.launcher.allocated
+    for _ in range(2):
+        simulation.step()
+        assert [each.shape for each in simulation.velocity] == [(17, 16, 16), (16, 17, 16), (16, 16, 17)]
+        assert not any(each.numpy().any() for each in simulation.velocity)
+        simulation.velocity[1].numpy()[...] = 7.0
+    assert simulation.launcher.allocated["still_air"] == 4 * 3 * 17 * 16 * 16
+    with pytest.raises(ValueError, match="/Smoke: velocity is written"):
+        simulation.velocity = simulation.velocity
 
 
 def test_same_bits_with_a_script():

@@ -15,7 +15,7 @@ from warp_smoke.scene import Scene, Texture
 _PACKAGES = ("warp-smoke", "warp-lang", "numpy", "scipy")
 
 
-def fingerprint(scene: Scene, device: str) -> dict[str, str]:
+def fingerprint(scene: Scene, device: str, stirred_by: str = "") -> dict[str, str]:
     """Everything that the results of a run depend on, by name: settings as they are, arrays and files by a digest.
 
     The stage's own place is no part of it, nor is the number of threads.
@@ -23,9 +23,11 @@ def fingerprint(scene: Scene, device: str) -> dict[str, str]:
     Args:
         scene: what is run.
         device: where.
+        stirred_by: what else moves the air, such as a script's force: that it is there, not what it does.
     """
     found = {f"version of {name}": version(name) for name in _PACKAGES}
     found |= {"machine": platform.machine(), "device": device.partition(":")[0]}
+    found |= {f"the script's {stirred_by}": "given"} if stirred_by else {}
     for field in fields(Scene):
         value = getattr(scene, field.name)
         if field.compare and isinstance(value, tuple) and all(isinstance(each, Record) for each in value):

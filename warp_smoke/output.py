@@ -305,6 +305,7 @@ class Output:
             "threads": launcher.threads,
             "environment": environment(),
             "chosen": self._chosen(),
+            "on_substep": self._simulation.on_substep is not None,
             "plan": [each.name + (f" [{each.method}]" if each.method else "") for each in self._plan.passes],
             "device_bytes": sum(launcher.allocated.values()),
             "seconds": seconds,

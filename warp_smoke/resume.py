@@ -32,7 +32,9 @@ def finished_report(folder: OutputFolder, made_of: dict[str, str]) -> dict | Non
     return report if report.get("fingerprint") == digest(made_of) else None
 
 
-def choice_before(folder: OutputFolder, scene: Scene, by: str, device: str) -> tuple[Scene, Chosen] | None:
+def choice_before(
+    folder: OutputFolder, scene: Scene, by: str, device: str, stirred_by: str = ""
+) -> tuple[Scene, Chosen] | None:
     """A scene with the settings that the run in a folder had chosen for it: measured again, others might be.
 
     Args:
@@ -40,6 +42,7 @@ def choice_before(folder: OutputFolder, scene: Scene, by: str, device: str) -> t
         scene: as the stage has it.
         by: what asks for settings now.
         device: where it is to run.
+        stirred_by: what else is to move the air, such as a script's force.
 
     Returns:
         The scene, and what was chosen; None if there is no run, or it is finished and was of another scene or choice.
@@ -63,6 +66,6 @@ def choice_before(folder: OutputFolder, scene: Scene, by: str, device: str) -> t
         for kind in ("domains", "lights")
     }
     settled = replace(scene, **changed)
-    if not goes_on and finished_report(folder, fingerprint(settled, device)) is None:
+    if not goes_on and finished_report(folder, fingerprint(settled, device, stirred_by)) is None:
         return None
     return settled, Chosen(**chosen | {"taken_over": True})

@@ -15,6 +15,7 @@ from warp_smoke.resume import checkpoint_before, choice_before, finished_report
 from warp_smoke.scene import Scene
 
 if TYPE_CHECKING:
+    from warp_smoke.fluid.solver import SmokeSolver
     from warp_smoke.output import Result
     from warp_smoke.simulation import Frame
     from warp_smoke.study.case import Row
@@ -33,6 +34,7 @@ def run(
     resume: bool = False,
     checkpoint_every: int | None = None,
     on_frame: Callable[["Frame"], None] | None = None,
+    on_substep: Callable[["SmokeSolver", float, float], None] | None = None,
 ) -> "Result":
     """Simulates, shadows, bakes and writes every frame of a scene.
 
@@ -53,6 +55,9 @@ def run(
         checkpoint_every: frames between checkpoints, 0 = only when interrupted; None = as often as it takes less than
             5 % of the time.
         on_frame: called with each finished frame.
+        on_substep: called in each substep, to add a force, say; see `Simulation`. Settings that an error or a budget
+            chooses are measured without it. It is no part of a checkpoint: a run that goes on must be given it again,
+            and one that is not is refused; whether it is the same one is not checked.
 
     Raises:
         ValueError: the scene asks for something that cannot be done, another run writes to the folder, or the
@@ -65,20 +70,21 @@ def run(
     if checkpoint_every is not None:
         whole("run", "checkpoint_every", checkpoint_every, 0, 10**9)
     choice = {"quality": quality, "max_error": max_error, "budget": budget}
-    plan = _plan_of(scene, folder, **choice, resume=resume, device=device, threads=threads)
+    stirred_by = "on_substep" if on_substep else ""
+    plan = _plan_of(scene, folder, **choice, resume=resume, device=device, threads=threads, stirred_by=stirred_by)
     place = OutputFolder.of(plan.scene, folder)
 
     from warp_smoke.interrupt import Interrupted, Interruption
     from warp_smoke.output import Output, Result
     from warp_smoke.simulation import Simulation
 
-    made_of = fingerprint(plan.scene, device)
+    made_of = fingerprint(plan.scene, device, stirred_by)
     before = checkpoint_before(place, made_of) if resume else None
     if resume and not before and (report := finished_report(place, made_of)):
         return Result(place.path, place.stage, report)
 
     began = perf_counter()
-    simulation = Simulation(plan, device=device, threads=threads)
+    simulation = Simulation(plan, device=device, threads=threads, on_substep=on_substep)
     if before:
         simulation.load(before.frame, before.fields)
     ready = perf_counter()
@@ -119,11 +125,13 @@ def plan_run(
     device: str = "cpu",
     threads: int | None = None,
     on_row: Callable[["Row", int, int], None] | None = None,
+    stirred_by: str = "",
 ) -> Plan:
     """The plan of a scene with what at most one of quality, error and budget chooses; see `run`.
 
     Settings that are chosen by error or budget are measured first unless they are known; `on_row` is called with each
-    row, its number and their count. A run that goes on keeps those that it had.
+    row, its number and their count. A run that goes on keeps those that it had. `stirred_by` is as in
+    `make_plan`.
 
     Raises:
         FieldError: more than one is given, nothing can be chosen, or the folder cannot be written or is in use.
@@ -136,12 +144,12 @@ def plan_run(
         both = " and ".join(f"{name} {value}" for name, value in given.items())
         raise FieldError("run", "choice of settings", both, "one of quality, max_error and budget")
     if max_error is None and budget is None:
-        return make_plan(scene, quality=quality)
+        return make_plan(scene, stirred_by, quality=quality)
     asked = {"max_error": max_error, "budget": budget}
-    settled = choice_before(place, scene, words_of_choice(**asked), device) if resume else None
+    settled = choice_before(place, scene, words_of_choice(**asked), device, stirred_by) if resume else None
     if settled is None:
         from warp_smoke.study.choice import choose  # needs Warp, which takes a moment to load
 
         settled = choose(scene, **asked, device=device, threads=threads, on_row=on_row)
     scene, chosen = settled
-    return replace(make_plan(scene), chosen=chosen)
+    return replace(make_plan(scene, stirred_by), chosen=chosen)

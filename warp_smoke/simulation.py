@@ -69,6 +69,7 @@ class Simulation:
         launcher: the device, with counts of launches and of bytes.
         timings: time of each pass.
         warnings: what the bakes had to leave out.
+        on_substep: the script's own part in each substep, or None.
     """
 
     def __init__(
@@ -86,16 +87,24 @@ class Simulation:
             threads: CPU threads; all unless given.
             on_substep: called in each substep of each domain after all forces and before the pressure, with the
                 domain's solver, the time code of the substep's end and its seconds: to add a force to
-                `solver.state.velocity`, say. With it air moves in every domain (where the plan is made here).
+                `solver.state.velocity`, say. Not at the first frame, which is the start: there is no substep before
+                it. With it air moves in every domain (where the plan is made here; else `make_plan(scene,
+                "on_substep")`).
 
         Raises:
+            FieldError: `on_substep` is given with a plan that leaves the air of a domain still.
             MemoryError: the plan does not fit the device; nothing has been allocated.
         """
         self.plan = scene if isinstance(scene, Plan) else make_plan(scene, "on_substep" if on_substep else "")
+        self.on_substep = on_substep
+        still = [each.domain.path for each in self.plan.domains if "project_pressure" not in each.passes]
+        if on_substep and still:
+            raise FieldError(still[0], "on_substep", "given", "make_plan(scene, 'on_substep'), where else air is still")
         self.launcher = Launcher(device, threads)
         self.plan.check_memory(self.launcher.available_bytes(), str(self.launcher.device))
         self.timings = Timings(self.launcher)
         self.frame: int | None = None
+        self._still: tuple[wp.array, wp.array, wp.array] | None = None
         with self.timings.measure("load_kernels"):
             load_kernels(kernel_modules(self.plan), device)
         self._solvers = {each.domain.path: self._solver(each) for each in self.plan.domains}
@@ -143,13 +152,25 @@ class Simulation:
         self._write("temperature", [self.temperature], [values])
 
     @property
-    def velocity(self) -> tuple[wp.array, wp.array, wp.array] | None:
-        """Likewise u, v, w on faces, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1] [m/s]; None in still air."""
-        return self.solver().state.velocity
+    def velocity(self) -> tuple[wp.array, wp.array, wp.array]:
+        """Likewise u, v, w on faces, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1] [m/s].
+
+        Where nothing moves the air they are zeros, allocated when they are first asked for: what is written there moves
+        nothing, and is gone when they are asked for again.
+        """
+        return self.solver().state.velocity or self._still_air()
+
+    def _still_air(self) -> tuple[wp.array, wp.array, wp.array]:
+        if self._still is None:
+            shapes = np.add(self.solver().state.density.shape, np.eye(3, dtype=int))
+            self._still = tuple(self.launcher.zeros(tuple(map(int, each)), "still_air") for each in shapes)
+        for component in self._still:
+            component.zero_()
+        return self._still
 
     @velocity.setter
     def velocity(self, values: Sequence[np.ndarray | wp.array]) -> None:
-        self._write("velocity", self.velocity or [None], values)
+        self._write("velocity", self.solver().state.velocity or [None], values)
 
     def _write(self, name: str, fields: Sequence[wp.array | None], values: Sequence) -> None:
         """Copies arrays into fields.
