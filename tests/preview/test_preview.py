@@ -25,10 +25,10 @@ from warp_smoke.usd.write import write_results
 SIZE = (160, 120)
 
 
-def _picture(path, folder, frame):
+def _picture(path, folder, frame, **asked):
     """The picture that `preview` saves, [h, w, 3] int."""
     file = folder / "picture.png"
-    preview(path, frame=frame, screenshot=file, size=SIZE)
+    preview(path, frame=frame, screenshot=file, size=SIZE, **asked)
     return np.asarray(Image.open(file)).astype(int)
 
 
@@ -156,12 +156,31 @@ def test_light_in_the_volume_files_is_the_smokes_color(tmp_path):
 
 
 def test_a_stage_with_nothing_on_it(tmp_path):
-    """It is drawn as its background with a line of text, which a stage that has a light only has not."""
+    """It is drawn as its background with a line of text, and so is one with a light but no marks."""
     author_scene(ws.Scene(end=1), tmp_path / "empty.usda")
     author_scene(ws.Scene(end=1, lights=[ws.DistantLight(path="/World/Sun")]), tmp_path / "sun.usda")
     empty, sun = (_picture(tmp_path / f"{name}.usda", tmp_path, 1) for name in ("empty", "sun"))
-    assert (np.abs(np.diff(empty, axis=1)).max(axis=2) > 20).sum() > 50
-    assert (np.abs(np.diff(sun[:, :40], axis=1)).max(axis=2) > 20).sum() == 0
+    marked = _picture(tmp_path / "sun.usda", tmp_path, 1, marks=True)
+    for said in (empty, sun):
+        assert (np.abs(np.diff(said[:, :40], axis=1)).max(axis=2) > 20).sum() > 50
+    assert not np.array_equal(empty, sun)
+    assert (np.abs(np.diff(marked[:, :40], axis=1)).max(axis=2) > 20).sum() == 0
+
+
+def test_pictures_have_no_marks_unless_asked(tmp_path):
+    """A red lamp before a black wall is a red ball in the middle with `marks`, and is not seen without."""
+    wall = ws.Surface(
+        path="/World/Wall",
+        mesh=ws.Mesh.grid((-9, -9, -1), (18, 0, 0), (0, 18, 0)),
+        material=ws.Material(path="/World/Black", diffuse_color=(0.0, 0.0, 0.0)),
+    )
+    lamp = ws.PointLight(path="/World/Lamp", transform=at(0, 1, 0), color=(1.0, 0.0, 0.0))
+    eye = ws.Camera(path="/World/Eye", transform=at(0, 1, 6))
+    path = tmp_path / "lamp.usda"
+    author_scene(ws.Scene(surfaces=[wall], lights=[lamp], camera=eye, end=1), path)
+    plain, marked = (_picture(path, tmp_path, 1, **asked) for asked in ({}, {"marks": True}))
+    assert plain.max() == 0
+    assert marked[60, 80].tolist() == [255, 0, 0]
 
 
 def test_middle_frame_unless_given(results, tmp_path):
@@ -239,6 +258,13 @@ def test_a_quantity_that_is_not_known(results, tmp_path):
     """Another name than those there are is refused with these."""
     with pytest.raises(ValueError, match="quantity is heat; allowed: density, temperature, speed"):
         preview(results, screenshot=tmp_path / "a.png", quantity="heat")
+
+
+def test_a_quantity_that_was_not_written(results, tmp_path):
+    """One that no volume has is refused with those that there are, and with what to do."""
+    said = "the volumes have no velocity; they have: density; add velocity to smoke:grids and run again"
+    with pytest.raises(ValueError, match=said):
+        preview(results, screenshot=tmp_path / "a.png", quantity="speed")
 
 
 def test_instances_of_a_point_instancer_are_drawn(tmp_path, open_plotter):

@@ -212,7 +212,7 @@ def test_a_quantity_that_is_not_there_is_said(results, window_of):
     """Without a grid of temperature the window says so and shows what it showed."""
     window, view = window_of(results, 4)
     smoke = view.picture()
-    window.press("2")
+    window.press("3")
     _seen(window, view)
     changed = np.abs(view.picture().astype(int) - smoke).max(axis=2) > 10
     assert changed[:40].any()
@@ -268,6 +268,20 @@ def test_marks_can_be_hidden(tmp_path, window_of):
     window.close()
 
 
+def test_a_message_is_wrapped_to_the_window(results, tmp_path, open_plotter):
+    """A quantity that no volume has is said in lines that end before the window's right edge."""
+    stage = PreviewStage(results)
+    view = StageView(stage, open_plotter((480, 240)), 1.0)
+    window = Window(stage, view, 3)
+    before = view.picture()
+    window.press("3")
+    _seen(window, view)
+    changed = np.abs(view.picture().astype(int) - before).max(axis=2) > 20
+    assert np.count_nonzero(changed[:, :160]) > 200
+    assert not changed[:, -3:].any()
+    window.close()
+
+
 def test_own_look_has_the_users_material(tmp_path, window_of):
     """Over a bake the key b shows the material that the user bound, not the baked one that stands in for it."""
     mesh = ws.Mesh.grid((-9, 0, 9), (18, 0, 0), (0, 0, -18))
@@ -316,7 +330,7 @@ def test_a_stage_read_again(results, tmp_path, monkeypatch, window_of):
     shown = window._view.picture()
     path.write_text("nothing")
     window.press("r")
-    np.testing.assert_array_equal(window._view.picture()[60:], shown[60:])
+    np.testing.assert_array_equal(window._view.picture()[100:], shown[100:])
     path.write_text(text)
     window.press("r")
     window.seek(4)

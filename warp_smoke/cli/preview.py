@@ -16,6 +16,7 @@ def preview(
     movie: Path | None = None,
     html: Path | None = None,
     show: str | None = None,
+    marks: bool = False,
     size: str = "1280x720",
 ):
     """Look at a stage, or at the results in a folder: in a window (press h there), a picture, a movie or a web page.
@@ -27,6 +28,7 @@ def preview(
         movie: Save all frames as a movie here instead: .mp4 (needs ffmpeg or the package imageio-ffmpeg) or .gif.
         html: Save all frames here instead, as pictures in one web page that plays them in any browser.
         show: density, temperature or speed: a cut through the smoke by colour, with a bar, instead of its look.
+        marks: Mark lights, and before a run domains and emitters, in the files too; the window does until g is pressed.
         size: Width and height in pixels.
     """
     from warp_smoke.usd.probe import check_readable
@@ -48,6 +50,7 @@ def preview(
             movie=movie,
             html=html,
             quantity=show,
+            marks=marks,
             on_frame=show_frame,
         )
     say_written(filter(None, (screenshot, movie, html)))

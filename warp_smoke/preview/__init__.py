@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from warp_smoke.output import Result
     from warp_smoke.preview.live import LivePreview
     from warp_smoke.preview.stage import PreviewStage
+    from warp_smoke.preview.view import Look
     from warp_smoke.scene import Scene
 
 __all__ = ["live_preview", "preview"]
@@ -35,6 +36,7 @@ def preview(
     movie: str | Path | None = None,
     html: str | Path | None = None,
     quantity: str | None = None,
+    marks: bool = False,
     on_frame: Callable[[int, int], None] | None = None,
 ) -> None:
     """Shows a stage in a window, or saves pictures of it; everything is read from its files.
@@ -49,6 +51,7 @@ def preview(
         movie: file of a movie of all frames, .mp4 or .gif; no window either.
         html: file of a web page with pictures of all frames; no window either.
         quantity: density, temperature or speed, to show in a cut through the smoke in pictures.
+        marks: of lights, and before a run of domains and emitters, in pictures too; the window has them until `g`.
         on_frame: called for each frame of a movie or page once it is drawn, with its number and how many there are.
 
     Raises:
@@ -62,7 +65,7 @@ def preview(
     from warp_smoke.preview import page as pages
     from warp_smoke.preview.slices import QUANTITIES
     from warp_smoke.preview.stage import PreviewStage
-    from warp_smoke.preview.view import StageView
+    from warp_smoke.preview.view import Look, StageView
     from warp_smoke.preview.window import Window
 
     path = getattr(shown, "stage", shown)
@@ -78,16 +81,16 @@ def preview(
     for kind, file, formats in files:
         if file is not None:
             _check_file(kind, Path(file), formats)
-    rate = stage.scene.time_codes_per_second
+    rate, look = stage.scene.time_codes_per_second, Look(marks=marks)
     if movie is not None:
         movies.check_movie(Path(movie))
-        movies.write_movie(Path(movie), _draw(stage, frames, size, quantity, on_frame), rate)
+        movies.write_movie(Path(movie), _draw(stage, frames, size, look, quantity, on_frame), rate)
     if html is not None:
-        pictures = _draw(stage, frames, size, quantity, on_frame)
+        pictures = _draw(stage, frames, size, look, quantity, on_frame)
         pages.write_page(Path(html), pictures, frames, rate, Path(path).name)
     notebook = screenshot is None and movie is None and html is None and _in_notebook()
     if screenshot is not None or notebook:
-        (pixels,) = _draw(stage, [frame], size, quantity, None)
+        (pixels,) = _draw(stage, [frame], size, look, quantity, None)
         if notebook:
             _display(pixels)
         else:
@@ -126,6 +129,7 @@ def _draw(
     stage: "PreviewStage",
     frames: "range | list[int]",
     size: tuple[int, int],
+    look: "Look",
     quantity: str | None,
     on_frame: Callable[[int, int], None] | None,
 ) -> Iterator[np.ndarray]:
@@ -135,7 +139,7 @@ def _draw(
 
     plotter = opengl.open_off_screen((SUPERSAMPLES * size[0], SUPERSAMPLES * size[1]))
     try:
-        view = StageView(stage, plotter, STEP_STILL)
+        view = StageView(stage, plotter, STEP_STILL, look)
         for number in frames:
             view.show(stage.load(number, quantity=quantity))
             yield np.asarray(Image.fromarray(view.picture()).resize(size, Image.Resampling.BOX))

@@ -8,7 +8,8 @@ import pyvista as pv
 from warp_smoke.preview.view import TEXT_COLOR
 
 ERROR_COLOR = "#ff8f7a"
-WIDTH = 100  # of a message [characters]
+CHARACTER = 10  # width of one, and a little [pixels]
+LEAST_WIDTH = 40  # of a message, also in a window that is too narrow for it [characters]
 HELP = """space        play, pause
 left, right  a frame back, on
 home, end    first, last frame
@@ -44,7 +45,8 @@ class Overlay:
 
     def error(self, message: str) -> None:
         """Says what went wrong; nothing if it is empty."""
-        self._say("error", fill(message, WIDTH), (0.02, 0.91), ERROR_COLOR)
+        width = 0.96 * self._plotter.window_size[0]
+        self._say("error", fill(message, max(int(width / CHARACTER), LEAST_WIDTH)), (0.02, 0.91), ERROR_COLOR)
 
     def _say(self, name: str, text: str, position: tuple[float, float], color: str = TEXT_COLOR) -> None:
         said = self._plotter.add_text(

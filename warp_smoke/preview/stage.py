@@ -19,7 +19,7 @@ from warp_smoke.shading.textures import Picture
 from warp_smoke.usd.find import find_stage
 from warp_smoke.usd.own_look import open_in_own_look
 from warp_smoke.usd.read import usd_message
-from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
+from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP, GRID_NAMES
 
 AS_BAKED = Switches()
 
@@ -123,7 +123,7 @@ class PreviewStage:
             switches: the light; what was baked under another one is baked anew.
 
         Raises:
-            ValueError, OSError: a file is missing or damaged, or there is no such quantity in it.
+            ValueError, OSError: a file is missing or damaged, or no volume has the quantity.
         """
         pictures = {path: self._load_picture(path, existing_file(to, number)) for path, to in self._pictures.items()}
         colors = {path: np.array(light.Get(number)) for path, light in self._colors.items()}
@@ -134,6 +134,7 @@ class PreviewStage:
         if quantity is None:
             smoke = tuple(self._load_smoke(volume, number, thickness, off, scattered) for volume in self._volumes)
             return Frame(number, smoke, pictures, colors, off=off)
+        self._check_quantity(quantity)
         slices = tuple(self._load_slice(volume, number, quantity) for volume in self._volumes)
         return Frame(number, (None,) * len(slices), pictures, colors, slices, quantity, off)
 
@@ -183,8 +184,19 @@ class PreviewStage:
         lights = [each for each in self.lights if each.path not in off]
         return light_smoke(density, to_world, extinction, lights, self.ambient, number, light)
 
+    def _check_quantity(self, quantity: str) -> None:
+        """Refuses what no volume's files hold, and says how they would."""
+        fields = {field for volume in self._volumes for field in volume.GetFieldPaths()}
+        if self._volumes and QUANTITIES[quantity].field not in fields:
+            grid_of = {name: grid for grid, name in GRID_NAMES.items()}
+            grid, held = grid_of[QUANTITIES[quantity].field], sorted(grid_of.get(field, field) for field in fields)
+            cure = f"add {grid} to smoke:grids and run again"
+            raise ValueError(f"the volumes have no {grid}; they have: {', '.join(held)}; {cure}")
+
     def _load_slice(self, volume: UsdVol.Volume, number: int, quantity: str) -> Slice | None:
-        """A cut through the middle of a volume's domain that faces the front."""
+        """A cut through the middle of a volume's domain that faces the front; None for one without the field."""
+        if not vdb_field(volume.GetPrim(), QUANTITIES[quantity].field):
+            return None
         values, to_world = read_grid(volume, QUANTITIES[quantity].field, number)
         if quantity == "speed":
             values = self.scene.meters_per_unit * np.linalg.norm(values, axis=3)

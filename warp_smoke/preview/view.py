@@ -19,6 +19,7 @@ from warp_smoke.scene import Emitter, Material
 
 TEXT_COLOR = "#e8e8e8"
 EMPTY = "Nothing to see: the stage has no mesh, smoke, emitter or light"
+UNMARKED = "Nothing to see yet but marks of domains, emitters and lights: --marks shows them"
 BACKGROUND, BACKGROUND_TOP = "#26282b", "#70757b"
 # Cosine between a look and the stage's up axis beyond which it is straight down or up.
 STEEPEST = 0.999
@@ -45,6 +46,9 @@ class Look:
     exposure: float = 0.0
 
 
+AS_IT_IS = Look()
+
+
 class StageView:
     """A stage drawn by a plotter.
 
@@ -52,6 +56,7 @@ class StageView:
         stage: what is drawn: its `scene`, `lights`, `ambient`, `volumes` and `has_results`.
         plotter: where; see `warp_smoke.preview.opengl`.
         step: distance between samples in smoke [voxels].
+        look: at first.
 
     Attributes:
         plotter: the same.
@@ -59,7 +64,7 @@ class StageView:
         follows_camera: whether the stage's own camera is looked through as it moves.
     """
 
-    def __init__(self, stage: PreviewStage | LiveStage, plotter: pv.Plotter, step: float):
+    def __init__(self, stage: PreviewStage | LiveStage, plotter: pv.Plotter, step: float, look: Look = AS_IT_IS):
         self._stage, self.plotter, self._step = stage, plotter, step
         start = stage.scene.start
         plotter.set_background(BACKGROUND, top=BACKGROUND_TOP)
@@ -72,15 +77,17 @@ class StageView:
         self._slices = SliceActors(plotter)
         self._frame: Frame | None = None
         self._off: frozenset[str] = frozenset()
-        self.drawn = Look()
+        self.drawn = look
         self._lower, self._upper = self._bounds()
         self._marks: list[pv.Actor] = []
         self.follows_camera = stage.scene.camera is not None
-        marked = stage.lights if stage.has_results else (*stage.lights, *stage.scene.emitters)
-        self._lights_change = any(map(_changes, marked))
+        placed = stage.lights if stage.has_results else (*stage.lights, *stage.scene.emitters)
+        self._lights_change = any(map(_changes, placed))
         self._look(start)
-        if not (drawn or stage.volumes or stage.scene.domains or stage.scene.emitters or stage.scene.lights):
-            plotter.add_text(EMPTY, position=(0.02, 0.5), viewport=True, color=TEXT_COLOR, font_size=14, render=False)
+        marked = stage.scene.domains or stage.scene.emitters or stage.scene.lights
+        if not (drawn or stage.volumes or (marked and look.marks)):
+            said = UNMARKED if marked else EMPTY
+            plotter.add_text(said, position=(0.02, 0.5), viewport=True, color=TEXT_COLOR, font_size=14, render=False)
 
     def show(self, frame: Frame) -> None:
         """Draws a frame."""
@@ -136,8 +143,7 @@ class StageView:
         """A view of another stage in this place: in the same look, and from the same eye unless it follows a camera."""
         seen = self.plotter.camera.copy()
         self.plotter.clear()
-        view = StageView(stage, self.plotter, self._step)
-        view.drawn = self.drawn
+        view = StageView(stage, self.plotter, self._step, self.drawn)
         if not self.follows_camera:
             view.leave_camera()
             self.plotter.camera = seen
