@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 from pxr import Usd, UsdShade
 from scenes import at, floor, plume, shining
+from stage_text import write_stage
 
 import warp_smoke as ws
 from warp_smoke.geometry import Mesh
@@ -17,6 +18,8 @@ from warp_smoke.picture import SmokeVolume, render_picture
 from warp_smoke.plan import make_plan
 from warp_smoke.shading.normal_map import encode_normals, height_normals
 from warp_smoke.timing import Timings
+from warp_smoke.usd.read_volume import read_volumes
+from warp_smoke.vdb import Grid, write_vdb
 
 SIZE = 64
 
@@ -238,6 +241,36 @@ def test_results_of_a_run_show_its_smoke(tmp_path):
     assert np.abs(pictures[0] - pictures[1]).max() <= 2
     without = render_picture(ws.Scene.open(tmp_path / "plume.usda"), 3.0, size=(64, 48)).astype(int)
     assert np.abs(pictures[0] - without).max() > 10
+
+
+def test_smoke_of_a_run_ends_as_softly_as_simulated_smoke(tmp_path):
+    """Thick smoke cut to its box in a file, under a light with its usual shadow: half precision is all that differs."""
+    settings = {"resolution": 16, "extinction": 200.0, "boundary": ("open",) * 6}
+    scene = plume(frames=2)
+    domain = replace(scene.domains[0], **settings)
+    scene = replace(scene, domains=[domain], camera=replace(looking_down(), transform=at(0, 1.5, 9)))
+    scene.save(tmp_path / "plume.usda")
+    ws.run(tmp_path / "plume.usda", tmp_path / "out")
+    pictures = []
+    for path in (tmp_path / "out", tmp_path / "plume.usda"):
+        file = ws.render(path, tmp_path / "picture.png", frame=2, size=(96, 72), samples=1)
+        pictures.append(np.asarray(Image.open(file)).astype(int))
+    assert np.abs(pictures[0] - pictures[1]).max() <= 1
+
+
+def test_voxels_of_other_makers_end_in_an_empty_one(tmp_path):
+    """Around the voxels of a file without a domain lies one of none: there density falls to 0 over half a voxel."""
+    density = np.ones((2, 3, 4), np.float32)
+    write_vdb(tmp_path / "fog.vdb", [Grid("density", density, voxel_size=0.5, translation=(1.0, 2.0, 3.0))])
+    volume = """def Volume "Fog" { rel field:density = </World/Fog/d>
+        def OpenVDBAsset "d" { asset filePath = @./fog.vdb@
+            token fieldName = "density" } }"""
+    stage = Usd.Stage.Open(str(write_stage(tmp_path, volume)))
+    ((domain, lattice, found),) = read_volumes(stage, ws.Scene(), 1)
+    assert domain.path == "/World/Fog"
+    np.testing.assert_array_equal(found, np.pad(density, 1))
+    assert lattice.shape == (4, 5, 6)
+    np.testing.assert_allclose(lattice.cells_to_world()[3, :3], [0.25, 1.25, 2.25])
 
 
 @pytest.mark.parametrize(

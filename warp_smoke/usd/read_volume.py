@@ -1,9 +1,11 @@
 """Smoke that a run has written: the density of each `UsdVol.Volume` at a frame, from its `.vdb` file."""
 
+from dataclasses import replace
+
 import numpy as np
 from pxr import Usd, UsdGeom, UsdVol
 
-from warp_smoke.lattice import Lattice
+from warp_smoke.lattice import Lattice, place_lattice
 from warp_smoke.record import read_only
 from warp_smoke.scene import Scene, SmokeDomain
 from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
@@ -11,6 +13,8 @@ from warp_smoke.vdb import read_vdb
 
 # Voxels may differ in size along their axes by this share, which is rounding.
 _CUBE = 1e-4
+# They are a domain's where they lie within this share of one on it.
+_COINCIDENT = 1e-3
 
 
 def read_volumes(stage: Usd.Stage, scene: Scene, frame: int) -> list[tuple[SmokeDomain, Lattice, np.ndarray]]:
@@ -23,7 +27,9 @@ def read_volumes(stage: Usd.Stage, scene: Scene, frame: int) -> list[tuple[Smoke
 
     Returns:
         For each volume with a field `density`: the domain whose smoke it is (a default one for volumes of other
-        makers), where its voxels lie, and the density [nx, ny, nz] float32, as it was before `densityScale`.
+        makers), where its voxels lie, and the density [nx, ny, nz] float32, as it was before `densityScale`. Files
+        hold the voxels with smoke alone: these lie in all those of the domain, or else in one more of none around
+        them.
 
     Raises:
         ValueError: a file is missing or damaged, or its voxels are no cubes.
@@ -39,11 +45,13 @@ def read_volumes(stage: Usd.Stage, scene: Scene, frame: int) -> list[tuple[Smoke
         if not field:
             continue
         paths = map(str, prim.GetRelationship(DOMAIN_RELATIONSHIP).GetTargets())
-        domain = next(filter(None, map(domains.get, paths)), SmokeDomain(path=str(prim.GetPath())))
+        own = next(filter(None, map(domains.get, paths)), None)
+        domain = own or SmokeDomain(path=str(prim.GetPath()))
         density, to_world = _read_density(field, frame)
         if density.size:
             to_world = to_world @ np.array(UsdGeom.Imageable(prim).ComputeLocalToWorldTransform(frame))
             lattice = _lattice(str(prim.GetPath()), density.shape, to_world, scene)
+            density, lattice = _with_empty_around(density, lattice, own, scene)
             found.append((domain, lattice, density / np.float32(domain.density_scale)))
     return found
 
@@ -62,6 +70,30 @@ def _read_density(field: UsdVol.OpenVDBAsset, frame: int) -> tuple[np.ndarray, n
     # Voxel (0, 0, 0) has its centre at `translation`.
     matrix[3, :3] = (np.asarray(grid.origin) - 0.5) * grid.voxel_size + grid.translation
     return np.maximum(grid.values, np.float32(0.0)), matrix
+
+
+def _with_empty_around(
+    density: np.ndarray, lattice: Lattice, domain: SmokeDomain | None, scene: Scene
+) -> tuple[np.ndarray, Lattice]:
+    """The density over the whole lattice of its domain; of any other volume, with one empty voxel around it."""
+    whole = lattice if domain is None else _lattice_of(domain, lattice.voxel_size, scene)
+    offset = (lattice.cells_to_world() @ whole.world_to_cells())[3, :3]
+    before = np.rint(offset).astype(int)
+    after = np.subtract(whole.shape, before) - lattice.shape
+    between = lattice.voxel_size * lattice.axes - whole.voxel_size * whole.axes
+    drift = [np.abs(between).max() / lattice.voxel_size, *np.abs(offset - before)]
+    if domain is None or max(drift) > _COINCIDENT or min(*before, *after) < 0:
+        to_world = np.array(lattice.to_world)
+        to_world[3, :3] -= lattice.voxel_size * lattice.axes.sum(axis=0)
+        whole = replace(lattice, shape=tuple(n + 2 for n in density.shape), to_world=read_only(to_world, np.float64))
+        before = after = np.ones(3, int)
+    return np.pad(density, np.stack([before, after], axis=1)), whole
+
+
+def _lattice_of(domain: SmokeDomain, voxel_size: float, scene: Scene) -> Lattice:
+    """The cells of a domain at the resolution that a run with voxels of this size had."""
+    sides = np.linalg.norm(domain.transform_at(scene.start)[:3, :3], axis=1) * np.subtract(domain.upper, domain.lower)
+    return place_lattice(scene, replace(domain, resolution=int(np.clip(round(sides.max() / voxel_size), 1, 4096))))
 
 
 def _lattice(path: str, shape: tuple[int, ...], to_world: np.ndarray, scene: Scene) -> Lattice:
