@@ -41,6 +41,11 @@ def _brief(value: object) -> str:
     return repr(value)
 
 
+def _quoted(value: object) -> object:
+    """A value where none of this kind is allowed: text in quotes, which reads like the number in it without them."""
+    return f'"{value}"' if isinstance(value, str) else value
+
+
 @dataclass(frozen=True, eq=False)
 class Record:
     """Base of the scene's dataclasses: equal when every field is equal."""
@@ -124,7 +129,7 @@ def finite(path: str, field: str, value: object, shape: tuple[int, ...] = (), la
     try:
         values = np.asarray(each_value(value), np.float64)
     except (TypeError, ValueError):
-        raise FieldError(path, field, value, expected) from None
+        raise FieldError(path, field, _quoted(value), expected) from None
     if values.shape[1:] != shape or not np.all(np.isfinite(values)):
         raise FieldError(path, field, value, expected)
     if np.any(np.abs(values) > largest):
@@ -164,7 +169,7 @@ def positive(path: str, field: str, value: object, shape: tuple[int, ...] = (), 
 def whole(path: str, field: str, value: object, low: int, high: int) -> int:
     """A whole number from low to high."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
-        raise FieldError(path, field, value, f"whole numbers from {low} to {high}")
+        raise FieldError(path, field, _quoted(value), f"whole numbers from {low} to {high}")
     return int(value)
 
 
@@ -178,14 +183,14 @@ def one_of(path: str, field: str, value: object, allowed: tuple[str, ...]) -> st
 def tokens(path: str, field: str, value: object, allowed: tuple[str, ...]) -> tuple[str, ...]:
     """Any number of a few tokens."""
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise FieldError(path, field, value, "a list of " + ", ".join(allowed))
+        raise FieldError(path, field, _quoted(value), "a list of " + ", ".join(allowed))
     return tuple(one_of(path, field, token, allowed) for token in value)
 
 
 def paths(path: str, field: str, value: object) -> tuple[str, ...]:
     """Any number of prim paths."""
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise FieldError(path, field, value, "a list of prim paths")
+        raise FieldError(path, field, _quoted(value), "a list of prim paths")
     found = tuple(value)
     if not all(isinstance(each, str) for each in found):
         raise FieldError(path, field, found, "a list of prim paths")
@@ -195,7 +200,7 @@ def paths(path: str, field: str, value: object) -> tuple[str, ...]:
 def flag(path: str, field: str, value: object) -> bool:
     """True or false, which may not change in time."""
     if not isinstance(value, bool | np.bool_):
-        raise FieldError(path, field, value, "true or false")
+        raise FieldError(path, field, _quoted(value), "true or false")
     return bool(value)
 
 
@@ -203,5 +208,5 @@ def switch(path: str, field: str, value: object) -> bool | Samples:
     """True or false; may change in time."""
     values = np.asarray(each_value(value))
     if values.dtype != bool or values.ndim != 1:
-        raise FieldError(path, field, value, "true or false")
+        raise FieldError(path, field, _quoted(value), "true or false")
     return value if isinstance(value, Samples) else bool(values[0])

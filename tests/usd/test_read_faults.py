@@ -11,10 +11,22 @@ from stage_text import DOMAIN, EMITTER, HEADER, QUAD, line_of, scene_of
         (DOMAIN % "vector3f smoke:wind = (0, 0, 3)", None),
         (EMITTER % "float smoke:noiseScale = 1", None),
         (EMITTER % 'token smoke:source = "volume"', None),
-        (EMITTER % "float smoke:densty = 1", "/World/Source: smoke:densty is not an attribute of any smoke schema"),
+        (
+            EMITTER % "float smoke:densty = 1",
+            "/World/Source: smoke:densty is not an attribute of any smoke schema; did you mean smoke:density?",
+        ),
+        (EMITTER % "float smoke:zzz = 1", "/World/Source: smoke:zzz is not an attribute of any smoke schema"),
+        (
+            'def Cube "A" { int smoke:resoluton = 64 }',
+            "/World/A: smoke:resoluton is not an attribute of any smoke schema; did you mean smoke:resolution?",
+        ),
         (
             'def Cube "A" ( apiSchemas = ["SmokeEmiterAPI"] ) { }',
             "/World/A: apiSchemas has SmokeEmiterAPI, which is unknown; did you mean SmokeEmitterAPI?",
+        ),
+        (
+            'def Cube "A" ( apiSchemas = ["smokeEmitterAPI"] ) { }',
+            "/World/A: apiSchemas has smokeEmitterAPI, which is unknown; did you mean SmokeEmitterAPI?",
         ),
         (
             'def Cube "A" { float smoke:thickness = 2 }',
@@ -34,6 +46,8 @@ from stage_text import DOMAIN, EMITTER, HEADER, QUAD, line_of, scene_of
         ),
         ('def BasisCurves "C" { }', "/World/C: a BasisCurves is not supported; it is left out"),
         ('def BasisCurves "C" { token purpose = "guide" }', None),
+        ('def Volume "V" { }', "/World/V: a Volume is not supported; it is left out"),
+        ('def Volume "V" { rel smokeVolume:domain = </World/Box> }', None),
         ('def SkelRoot "S" { }', "/World/S: skinning is not supported; meshes keep their points"),
         (
             'def Camera "C" { token projection = "orthographic" }',
@@ -52,6 +66,14 @@ def test_what_is_not_supported_is_named_once(tmp_path, prims, warning):
         (
             DOMAIN % "int smoke:resolution = 0",
             "/World/Box: smoke:resolution is 0; allowed: whole numbers from 1 to 4096",
+        ),
+        (
+            DOMAIN % 'string smoke:resolution = "64"',
+            '/World/Box: smoke:resolution is "64"; allowed: whole numbers from 1 to 4096',
+        ),
+        (
+            EMITTER % 'string smoke:enabled = "true"',
+            '/World/Source: smoke:enabled is "true"; allowed: true or false',
         ),
         (DOMAIN % "float smoke:extinction = -0.1", "/World/Box: smoke:extinction is -0.1; allowed: ≥ 0"),
         (DOMAIN % "float smoke:timeScale = nan", "/World/Box: smoke:timeScale is nan; allowed: a finite number"),
@@ -94,7 +116,7 @@ def test_what_is_not_supported_is_named_once(tmp_path, prims, warning):
             "/World/Source: smoke:velocity is (0.0, inf, 0.0); allowed: 3 finite numbers",
         ),
         (EMITTER % "int smoke:enabled = 1", "/World/Source: smoke:enabled is 1; allowed: true or false"),
-        (EMITTER % 'string smoke:rate = "high"', "/World/Source: smoke:rate is high; allowed: a finite number"),
+        (EMITTER % 'string smoke:rate = "high"', '/World/Source: smoke:rate is "high"; allowed: a finite number'),
         (
             'def Xform "G" ( apiSchemas = ["SmokeEmitterAPI"] ) { }',
             "/World/G: apiSchemas is SmokeEmitterAPI on Xform; "
@@ -120,7 +142,7 @@ def test_what_is_not_supported_is_named_once(tmp_path, prims, warning):
         ('def Camera "C" { float focalLength = 0 }', "/World/C: focalLength is 0.0; allowed: > 0"),
         (
             DOMAIN % 'string smoke:grids = "density"',
-            "/World/Box: smoke:grids is density; allowed: a list of density, temperature, velocity, light",
+            '/World/Box: smoke:grids is "density"; allowed: a list of density, temperature, velocity, light',
         ),
         (
             'def SphereLight "L" { float inputs:exposure = 1e30 }',

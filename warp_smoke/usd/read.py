@@ -31,6 +31,7 @@ from warp_smoke.usd.read_smoke import (
 )
 from warp_smoke.usd.reader import StageReader, bad_input
 from warp_smoke.usd.schema import register_schema
+from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
 
 DEFAULT_FRAMES = 48
 MISSING = (Pcp.ErrorInvalidAssetPath, Pcp.ErrorInvalidSublayerPath, Pcp.ErrorUnresolvedPrimPath)
@@ -162,7 +163,7 @@ class _Contents:
             self.cameras.append(prim)
         elif prim.GetTypeName() == "SkelRoot":
             reader.warn(prim, "skinning is not supported; meshes keep their points")
-        elif prim.IsA(UsdGeom.Boundable) and prim.GetTypeName() != "Skeleton" and _seen(reader, prim):
+        elif _is_left_out(reader, prim):
             reader.warn(prim, f"a {prim.GetTypeName()} is not supported; it is left out")
 
     def linked_lights(self) -> list[Light]:
@@ -218,6 +219,12 @@ class _Contents:
         if path not in self._shared_meshes:
             self._shared_meshes[path] = read_geometry(reader, prim)
         return self._shared_meshes[path]
+
+
+def _is_left_out(reader: StageReader, prim: Usd.Prim) -> bool:
+    """Whether a prim would be seen and cannot be read; the smoke of a run is no part of the set."""
+    known = prim.GetTypeName() == "Skeleton" or prim.HasRelationship(DOMAIN_RELATIONSHIP)
+    return prim.IsA(UsdGeom.Boundable) and not known and _seen(reader, prim)
 
 
 def _seen(reader: StageReader, prim: Usd.Prim) -> bool:

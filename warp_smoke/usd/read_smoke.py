@@ -1,7 +1,7 @@
 """The prims that smoke schemas are applied to: domains, emitters, colliders, receivers."""
 
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 
 from pxr import Usd, UsdGeom
@@ -91,9 +91,15 @@ def unknown_schemas(applied: set[str]) -> Iterator[str]:
     """What is wrong with the names of applied schemas that look like ours and are not."""
     known = schema_attributes()
     for name in sorted(applied):
-        if name.startswith("Smo") and name.endswith("API") and name not in known:
-            meant = get_close_matches(name, known, 1)
-            yield f"apiSchemas has {name}, which is unknown" + (f"; did you mean {meant[0]}?" if meant else "")
+        if name.lower().startswith("smo") and name.lower().endswith("api") and name not in known:
+            yield f"apiSchemas has {name}, which is unknown" + _suggestion(name, known)
+
+
+def _suggestion(name: str, known: Iterable[str]) -> str:
+    """The known name that comes closest, upper and lower case alike, as the end of a message; nothing without any."""
+    by_core = {each.removeprefix("smoke:").lower(): each for each in known}
+    close = get_close_matches(name.removeprefix("smoke:").lower(), by_core, 1)
+    return f"; did you mean {by_core[close[0]]}?" if close else ""
 
 
 def stray_attributes(prim: Usd.Prim, applied: set[str]) -> Iterator[str]:
@@ -103,7 +109,11 @@ def stray_attributes(prim: Usd.Prim, applied: set[str]) -> Iterator[str]:
         name = prop.GetName()
         owners = [schema for schema, attributes in schemas.items() if name in attributes]
         if not owners:
-            yield f"{name} is not an attribute of any smoke schema"
+            near = [attribute for schema in schemas if schema in applied for attribute in schemas[schema]]
+            every = [attribute for attributes in schemas.values() for attribute in attributes]
+            yield f"{name} is not an attribute of any smoke schema" + (
+                _suggestion(name, near) or _suggestion(name, every)
+            )
         elif not applied.intersection(owners):
             yield f"{name} has no effect, since {' or '.join(owners)} is not applied"
 
