@@ -1,3 +1,5 @@
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdShade
@@ -249,3 +251,58 @@ def test_noise_is_not_a_stage(tmp_path):
     assert [problem.severity for problem in validate_stage(path)] == ["error"]
     with pytest.raises(ValueError, match="no such file"):
         validate_stage(tmp_path / "gone.usda")
+
+
+def test_whose_a_problem_is(results, set_stage):
+    """What is wrong with the user's floor is of the stage, with a volume's fields or files of the results."""
+    set_stage.write_text(SET.replace("float3[] extent = [(-100, -100, 0), (100, 100, 0)]", "", 1))
+    (results.root.parent / "volumes/Box.0006.vdb").write_bytes(b"noise")
+    stage = Usd.Stage.Open(str(results.root))
+    stage.SetEditTarget(Sdf.Layer.FindOrOpen(str(results.root.with_name("set.results.usdc"))))
+    _set("/World/Floor.smokeBaked:smokeShadow", Sdf.AssetPath("./gone.png"))(stage)
+    stage.GetEditTarget().GetLayer().Save()
+    stage.GetRootLayer().Reload()
+    found = [(each.part, each.severity, each.where) for each in validate_stage(results.root)]
+    assert found[0] == ("stage", "warning", "/World/Floor")
+    assert {each[:2] for each in found[1:]} == {("results", "error")}
+    assert ("results", "error", "/World/Floor.smokeBaked:smokeShadow") in found
+    assert ("results", "error", str(results.root.parent / "volumes/Box.0006.vdb")) in found
+
+
+UNTIDY = """#usda 1.0
+(
+    defaultPrim = "World"
+    upAxis = "Y"
+    metersPerUnit = 1
+)
+def "World"
+{
+    def Mesh "Floor"
+    {
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points = [(-3, 0, 3), (3, 0, 3), (3, 0, -3)]
+        uniform token subdivisionScheme = "none"
+    }
+}
+"""
+
+
+def test_style_is_a_warning_told_once(tmp_path):
+    """No type, extent or normals: every DCC reads it, and what two validators find stands there once."""
+    path = tmp_path / "untidy.usda"
+    path.write_text(UNTIDY)
+    found = [(problem.severity, problem.where) for problem in validate_stage(path)]
+    assert {severity for severity, _ in found} == {"warning"}
+    assert found.count(("warning", "/World")) <= 1  # its type, which two rules of usd-validation-nvidia miss
+    assert found.count(("warning", "/World/Floor")) == 1 + (find_spec("usd_validation_nvidia") is not None)
+
+
+def test_a_missing_file_and_unit_are_told_once(tmp_path):
+    """Each is an error that up to three validators find."""
+    path = tmp_path / "torn.usda"
+    path.write_text(UNTIDY.replace("metersPerUnit = 1", "").replace("}", "    asset map = @./gone.png@\n    }", 1))
+    errors = [problem for problem in validate_stage(path) if problem.severity == "error"]
+    assert [problem.where for problem in errors if "gone.png" in problem.message] == ["/World/Floor.map"]
+    assert sum("metersPerUnit" in problem.message for problem in errors) == 1
+    assert len(errors) == 2

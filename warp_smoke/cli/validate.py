@@ -8,9 +8,13 @@ from warp_smoke.cli.console import out
 from warp_smoke.cli.options import Json
 from warp_smoke.usd.find import find_stage
 
+_PARTS = {"stage": "Your stage", "results": "The layers over it that the run wrote"}
+
 
 def validate(path: Path, *, as_json: Json = False):
-    """Check that a stage is one that every DCC accepts; exit status 1 if it is not.
+    """Check that a stage is one that every DCC accepts; exit status 1 if it has errors, 0 with warnings alone.
+
+    Of a folder of results, what your stage has and what the run wrote are told apart.
 
     Args:
         path: A USD stage or a folder written by `run`.
@@ -24,8 +28,12 @@ def validate(path: Path, *, as_json: Json = False):
     if as_json:
         print(json.dumps([asdict(problem) for problem in problems], indent=2, default=str))
     else:
-        for problem in problems:
-            out.print(str(problem), soft_wrap=True, markup=False)
+        for part, title in _PARTS.items():
+            of_part = [problem for problem in problems if problem.part == part]
+            if of_part and path.is_dir():
+                out.print(f"{title}:", highlight=False)
+            for problem in of_part:
+                out.print(str(problem), soft_wrap=True, markup=False)
         severities = [problem.severity for problem in problems]
         counts = [f"{severities.count(each)} {each}(s)" for each in dict.fromkeys(severities)]
         out.print(f"{path}: {', '.join(counts) or 'no problems'}", soft_wrap=True, highlight=False)

@@ -32,12 +32,14 @@ class Problem:
         where: prim, property or file.
         message: what is wrong.
         source: the check that says so.
+        part: whose it is: of the stage (`stage`), or of the layers that a run wrote over it (`results`).
     """
 
     severity: str
     where: str
     message: str
     source: str = SOURCE
+    part: str = "stage"
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.where}: {self.message} [{self.source}]"

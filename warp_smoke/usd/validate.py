@@ -1,20 +1,32 @@
 """Is this a stage that every DCC accepts: what the public validators and our own checks say, in one list."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from pxr import Tf, Usd, UsdShade, UsdUtils, UsdValidation
+from pxr import Sdf, Tf, Usd, UsdShade, UsdUtils, UsdValidation
 
 from warp_smoke.usd.checks import Problem, check_stage
-from warp_smoke.usd.find import find_stage
+from warp_smoke.usd.find import RESULTS_SUFFIX, find_stage
 from warp_smoke.usd.read import read_stage, usd_message
 from warp_smoke.usd.schema import register_schema
 
 _ORDER = ("error", "warning", "info")
 # Outputs of a material for any renderer; those for one have its name before.
 _FOR_ALL = ("surface", "displacement", "volume")
+# What is slow or untidy, but which every DCC reads: rules that call it a failure, and a part of what they say.
+_STYLE = (
+    ("UsdAsciiPerformanceChecker", ""),
+    ("NormalsExistChecker", ""),
+    ("TypeChecker", "Missing type"),
+    ("DefaultPrimChecker", 'of type ""'),
+    ("ExtentsChecker", "does not have any extent"),
+)
+# What several validators tell, each in words of its own: of a prim, or else of the stage or of a file.
+_OF_A_PRIM = {"extent": re.compile(r"\bextent\b"), "type": re.compile(r'Missing type|of type ""')}
+_OF_ALL = re.compile(r"metersPerUnit|upAxis|(?<=dependency ').*(?=')|(?<=there is no file ).*")
 
 
 def validate_stage(path: str | Path) -> list[Problem]:
@@ -22,13 +34,13 @@ def validate_stage(path: str | Path) -> list[Problem]:
 
     Asked are all validators of usd-core, the rules of usd-validation-nvidia where that is installed, our own checks
     (`checks`), and the scene reader for what it refuses. What the public validators say of shaders for one renderer,
-    whose nodes they do not know, is told as an info.
+    whose nodes they do not know, is told as an info, and what every DCC reads but is untidy as a warning.
 
     Args:
         path: the stage, or a folder that holds results.
 
     Returns:
-        Each problem once, errors first.
+        Each problem once, those of the stage before those of the layers with results, errors first.
 
     Raises:
         ValueError: there is no such file or folder.
@@ -40,13 +52,45 @@ def validate_stage(path: str | Path) -> list[Problem]:
         stage = Usd.Stage.Open(str(path))
         foreign = _for_one_renderer(stage)
         asked = [_eased(problem, foreign) for problem in (*_ask_usd(stage), *_ask_nvidia(path))]
-        problems = [*asked, *check_stage(stage), *_ask_reader(stage, path)]
+        found = [replace(each, part=_part(each, stage, path)) for each in _once([*check_stage(stage), *asked])]
+        problems = [*found, *_ask_reader(stage, path)]
     except Tf.ErrorException as error:  # also while values are read, from a file that is damaged
         return [Problem("error", str(path), usd_message(error.args[0]), "usd")]
     except UnicodeDecodeError:
         return [Problem("error", str(path), "its names are not UTF-8", "usd")]
     del quiet
-    return sorted(dict.fromkeys(problems), key=lambda problem: _ORDER.index(problem.severity))
+    return sorted(dict.fromkeys(problems), key=lambda each: (each.part != "stage", _ORDER.index(each.severity)))
+
+
+def _once(problems: Iterable[Problem]) -> Iterator[Problem]:
+    """What several validators find, as the first of them tells it."""
+    told = {}
+    for problem in problems:
+        if told.setdefault(_subject(problem), problem.source) == problem.source:
+            yield problem
+
+
+def _subject(problem: Problem) -> tuple[str, str]:
+    """Where a problem is and what it is about, the same for all validators that find it."""
+    for about, said in _OF_A_PRIM.items():
+        if said.search(problem.message):
+            return problem.where.partition(".")[0], about
+    if found := _OF_ALL.search(problem.message):
+        return "", Path(found.group()).name
+    return problem.where, problem.message
+
+
+def _part(problem: Problem, stage: Usd.Stage, path: Path) -> str:
+    """Whose a problem is: that of the layer which has the prim's definition, the property's value, or the file."""
+    if not path.with_name(f"{path.stem}{RESULTS_SUFFIX}").exists():
+        return "stage"
+    where = problem.where.partition(" /")[0]  # of several places the first
+    found = stage.GetObjectAtPath(where) if Sdf.Path.IsValidPathString(where) else None
+    file = str(path) if where == "/" else where
+    if found and where != "/":
+        values = found.GetPropertyStack() if isinstance(found, Usd.Property) else []
+        file = [*found.GetPrim().GetPrimStack()[-1:], *values[:1]][-1].layer.realPath
+    return "results" if Path(file).resolve().is_relative_to(path.parent.resolve()) else "stage"
 
 
 def _ask_usd(stage: Usd.Stage) -> Iterator[Problem]:
@@ -73,10 +117,12 @@ def _for_one_renderer(stage: Usd.Stage) -> set[str]:
 
 
 def _eased(problem: Problem, foreign: set[str]) -> Problem:
-    """A problem as it is, or as an info where it is with what only one renderer knows."""
+    """A problem as it is, an info where it is with what only one renderer knows, or a warning where it is style."""
     parts = {place.partition(".")[0] for place in problem.where.split()}
     if parts & foreign or any(name.endswith(".mdl") and name in problem.message for name in foreign):
         return replace(problem, severity="info")
+    if any(problem.source == rule and said in problem.message for rule, said in _STYLE):
+        return replace(problem, severity="warning")
     return problem
 
 
