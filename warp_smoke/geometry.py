@@ -94,6 +94,13 @@ class Mesh(Record):
         return point.ravel()[self.triangles]
 
     @cached_property
+    def is_smooth(self) -> bool:
+        """Whether the normals at a triangle's corners ever differ by more than rounding."""
+        if self.normals is None:
+            return False
+        return any(np.any(np.abs(np.diff(each, axis=1)) > 1e-5) for each in each_value(self.normals))
+
+    @cached_property
     def is_closed(self) -> bool:
         """Whether every edge is met by as many triangles in one direction as in the other, so that nothing leaks."""
         edges = self.welded[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)

@@ -188,8 +188,9 @@ class Lighting:
         for light in each.lights:
             if light.surface_shadow and (light.when == When.FRAME or not self._baked):
                 with self._timings.measure("surface_visibility"):
-                    out = bake.visibility[light.light.path]
-                    self._maps[light.light.path].visibility(bake.map.points, bake.map.normals, out)
+                    points, out = bake.map, bake.visibility[light.light.path]
+                    look = (points.shadow_points, points.normals, out, points.facets)
+                    self._maps[light.light.path].visibility(*look)
             if light.smoke:
                 with self._timings.measure("smoke_transmittance"):
                     shares = bake.transmittance[light.light.path]

@@ -84,7 +84,7 @@ class PictureLight:
         if self._shadow is None:
             visibility_out.fill_(1.0)
         else:
-            self.look_past(points.positions, points.normals, visibility_out)
+            self.look_past(points.shadow_points, points.normals, visibility_out)
 
     def look_past(self, points: wp.array, normals: wp.array, visibility_out: wp.array) -> None:
         """Writes the share that passes surfaces to points [n] with surface normals [n], of a light that has shadows."""

@@ -91,6 +91,7 @@ class Tile:
         self._launcher, self._count, self._srgb = launcher, count, srgb
         self._is_blended = dressing.is_blended
         self._points = allocate_points(launcher, count, "picture", dressing.needs_tangents)
+        self._points.shadow_points = zeros(count, "picture", dtype=wp.vec3)
         self._detail = allocate_detail(launcher, count, "picture", dressing.materials)
         self._layers: list[_Layer] = []
         self._at_eye = zeros(count, "picture")

@@ -131,7 +131,7 @@ def _receiver_bytes(plan: ReceiverPlan) -> int:
     texel = 104 + shares  # points, normals, triangles, weights, detail and the picture's codes
     texel += 8 * any(each.has_pictures for each in materials) + 16 * any(each.needs_tangents for each in materials)
     texel += 12 * any(each.is_marched for each in materials) + 4 * any(each.is_see_through for each in materials)
-    texel += 12 * (lit or irradiance) + 12 * irradiance
+    texel += 12 * (lit or irradiance) + 12 * irradiance + 24 * plan.surface.mesh.is_smooth
     texel += 6 * (irradiance or (lit and plan.surface.receiver.texture_bits == 16))
     for each in plan.lights:
         # The smoke's shares also as they were before, and again where smoke can reach.

@@ -4,6 +4,7 @@ import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.shading.looks import Looks, opacity_at
+from warp_smoke.shading.shadow_terminator import Facet, lifted_point
 from warp_smoke.shading.srgb import SrgbTable, encode_srgb
 from warp_smoke.shading.surface_points import SurfacePoints
 from warp_smoke.shading.triangle_table import TriangleTable
@@ -60,6 +61,19 @@ def hit_opacity(looks: Looks, table: TriangleTable, i: int, w: wp.vec3):
     if m.opacity_texture >= 0:
         uv = w[0] * table.uvs[i, 0] + w[1] * table.uvs[i, 1] + w[2] * table.uvs[i, 2]
     return opacity_at(looks, m, uv)
+
+
+@wp.func
+def turned_facet(mesh: wp.uint64, table: TriangleTable, i: int, turned: float):
+    """Triangle i with its normals, turned around by −1."""
+    return Facet(
+        wp.mesh_get_point(mesh, 3 * i),
+        wp.mesh_get_point(mesh, 3 * i + 1),
+        wp.mesh_get_point(mesh, 3 * i + 2),
+        turned * table.normals[i, 0],
+        turned * table.normals[i, 1],
+        turned * table.normals[i, 2],
+    )
 
 
 @wp.kernel
@@ -122,7 +136,9 @@ def _cast_rays(
         hits_out.distance[p] = start + query.t
         if hits_out.opacity.shape[0] > p:
             hits_out.opacity[p] = opacity
-        points_out.positions[p] = wp.mesh_eval_position(mesh, i, query.u, query.v)
+        position = wp.mesh_eval_position(mesh, i, query.u, query.v)
+        points_out.positions[p] = position
+        points_out.shadow_points[p] = lifted_point(turned_facet(mesh, table, i, turned), position, w)
         points_out.normals[p] = n
         points_out.material[p] = table.material[i]
         if points_out.uvs.shape[0] > p:

@@ -24,6 +24,7 @@ class SurfacePoints:
 
     Attributes:
         positions, normals: with unit surface normals.
+        shadow_points: where shadows of surfaces are looked up (see `shadow_terminator`); unset where none are.
         tangents: and signs (see `tangents`); one element where no material needs any.
         uvs: texture coordinates; one element where no material has a picture.
         material: index into `Looks.materials`.
@@ -31,6 +32,7 @@ class SurfacePoints:
 
     positions: wp.array[wp.vec3]
     normals: wp.array[wp.vec3]
+    shadow_points: wp.array[wp.vec3]
     tangents: wp.array[wp.vec4]
     uvs: wp.array[wp.vec2]
     material: wp.array[int]

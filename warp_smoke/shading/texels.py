@@ -6,6 +6,7 @@ import warp as wp
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.scene import Surface
 from warp_smoke.shading.placement import Placement, place_normals, place_points
+from warp_smoke.shading.shadow_terminator import Facet, facet_normal, lifted_point
 from warp_smoke.shading.tangents import corner_tangents
 from warp_smoke.shading.texel_picture import Change, TexelPicture, spread_texels
 from warp_smoke.shading.uv_raster import cover_texels
@@ -25,6 +26,9 @@ class TexelMap:
         size: texels along a side of the picture.
         points: in set space, [n] vec3.
         normals: unit surface normals, [n] vec3.
+        shadow_points: where shadows of surfaces are looked up (see `shadow_terminator`), [n] vec3; `points` themselves
+            unless the mesh is smooth.
+        facets: unit normals of the triangles, [n] vec3; `normals` themselves unless the mesh is smooth.
         tangents: and signs, [n] vec4 (see `tangents`); one element if none of the surface's materials needs them.
         uvs: the surface's own texture coordinates, [n, 2] float32 on the host.
         material: index into the surface's materials, [n] int32 on the host.
@@ -50,6 +54,10 @@ class TexelMap:
         self._corner_normals = launcher.zeros((len(mesh.triangles), 3), "bake", dtype=wp.vec3)
         self.points = launcher.zeros(self.count, "bake", dtype=wp.vec3)
         self.normals = launcher.zeros(self.count, "bake", dtype=wp.vec3)
+        self.shadow_points, self.facets = self.points, self.normals
+        if mesh.is_smooth:
+            self.shadow_points = launcher.zeros(self.count, "bake", dtype=wp.vec3)
+            self.facets = launcher.zeros(self.count, "bake", dtype=wp.vec3)
         self.material = surface.material_of_triangle[coverage.triangle]
         self._needs_tangents = any(material.needs_tangents for material in surface.materials)
         self._corner_tangents = launcher.zeros((self._rows(len(mesh.triangles)), 3), "bake", dtype=wp.vec4)
@@ -69,6 +77,9 @@ class TexelMap:
         self._corner_normals.assign(normals)
         place = (self._triangle, self._weights, self._corners, self._mesh_points, self._corner_normals)
         self._launcher.launch_each(_place_texels, self.count, *place, self.points, self.normals)
+        if self._surface.mesh.is_smooth:
+            args = (*place, self.points, self.normals, self.shadow_points, self.facets)
+            self._launcher.launch_each(_lift_texels, self.count, *args)
         if self._needs_tangents:
             mesh = self._surface.mesh
             self._corner_tangents.assign(corner_tangents(points, mesh.triangles, normals, mesh.uvs))
@@ -122,6 +133,36 @@ def _place_texels(
     n = corner_normals[t, 0]
     points_out[s] = p + w[0] * (mesh_points[c[1]] - p) + w[1] * (mesh_points[c[2]] - p)
     normals_out[s] = wp.normalize(n + w[0] * (corner_normals[t, 1] - n) + w[1] * (corner_normals[t, 2] - n))
+
+
+@wp.kernel
+def _lift_texels(
+    rows: Rows,
+    triangle: wp.array[int],
+    weights: wp.array[wp.vec2],
+    corners: wp.array[wp.vec3i],
+    mesh_points: wp.array[wp.vec3],
+    corner_normals: wp.array2d[wp.vec3],
+    points: wp.array[wp.vec3],
+    normals: wp.array[wp.vec3],
+    shadow_points_out: wp.array[wp.vec3],
+    facets_out: wp.array[wp.vec3],
+):
+    """shadow_points[s] = points[s] lifted towards the tangent planes at the corners of its triangle."""
+    s = rows.first + wp.tid()
+    t = triangle[s]
+    w = weights[s]
+    c = corners[t]
+    f = Facet(
+        mesh_points[c[0]],
+        mesh_points[c[1]],
+        mesh_points[c[2]],
+        corner_normals[t, 0],
+        corner_normals[t, 1],
+        corner_normals[t, 2],
+    )
+    shadow_points_out[s] = lifted_point(f, points[s], wp.vec3(1.0 - w[0] - w[1], w[0], w[1]))
+    facets_out[s] = facet_normal(f, normals[s])
 
 
 @wp.kernel

@@ -17,6 +17,7 @@ class VertexMap:
         points: in set space, [n] vec3.
         normals: unit surface normals, [n] vec3: the mean of the mesh's normals around each point, or else the
             area-weighted mean of its faces; zero at a point without faces.
+        shadow_points, facets: `points` themselves, as corners of facets lie on the smooth surface, and `normals`.
         tangents: one element; there are no tangent frames at points.
         uvs: texture coordinates of one of the corners at each point, [n, 2] float32 on the host, or None.
         material: index into the surface's materials of one of the corners' triangles, [n] int32 on the host.
@@ -27,8 +28,8 @@ class VertexMap:
         self._surface, self._origin = surface, origin
         self._placement = Placement(surface)
         self.count = len(mesh.points_at(0.0))
-        self.points = launcher.zeros(self.count, "bake", dtype=wp.vec3)
-        self.normals = launcher.zeros(self.count, "bake", dtype=wp.vec3)
+        self.points = self.shadow_points = launcher.zeros(self.count, "bake", dtype=wp.vec3)
+        self.normals = self.facets = launcher.zeros(self.count, "bake", dtype=wp.vec3)
         self.tangents = launcher.zeros(1, "bake", dtype=wp.vec4)
         self.uvs = None
         if mesh.uvs is not None and np.all(np.isfinite(mesh.uvs)):

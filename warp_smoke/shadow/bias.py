@@ -12,6 +12,9 @@ from warp_smoke.scene import Light
 
 wp.set_module_options({"enable_backward": False})
 
+# Of a facet that counts for the bias, as a share of the smooth surface's.
+_LEAST_COSINE = wp.constant(0.25)
+
 
 @wp.struct
 class Bias:
@@ -49,6 +52,21 @@ def light_bias(light: Light, spread: float, extent: float) -> Bias:
     else:
         bias.constant, bias.slope, bias.spread = light.shadow_bias or 0.0, light.shadow_slope_bias or 0.0, 0.0
     return bias
+
+
+@wp.func
+def plane_normal(normal: wp.vec3, facet: wp.vec3, ray: wp.vec3):
+    """The normal of the plane that a point's neighbours lie on, for light along a ray that its normal faces.
+
+    That is the facet's; but where this turns away from the light and the smooth surface does not, tan θ would have no
+    bound: it is bent towards the point's normal until its cosine is a share of that one's.
+    """
+    least = _LEAST_COSINE * wp.dot(normal, ray)
+    facing = wp.dot(facet, ray)
+    bent = facet
+    if facing > least:
+        bent = wp.normalize(wp.lerp(facet, normal, (least - facing) / (wp.dot(normal, ray) - facing)))
+    return bent
 
 
 @wp.func

@@ -102,13 +102,16 @@ class DirectionalShadow(MapShadow):
             return filters.spiral() @ self._frame, 0.5
         return filters.edges_and_corners(), filters.DEFAULT_TEXELS
 
-    def visibility(self, points: wp.array, normals: wp.array, visibility_out: wp.array) -> None:
+    def visibility(
+        self, points: wp.array, normals: wp.array, visibility_out: wp.array, facets: wp.array | None = None
+    ) -> None:
         """Writes the share of light from 0 to 1 that reaches each point; see `MapShadow.visibility`."""
         args = (self._launcher, self.map, self._mask.mask, self._taps)
+        look = (points, normals, normals if facets is None else facets, visibility_out)
         if self._light.shadow_filter == "pcss":
-            filter_penumbra(*args, self._spread, points, normals, visibility_out)
+            filter_penumbra(*args, self._spread, *look)
         else:
-            filter_map(*args, points, normals, visibility_out)
+            filter_map(*args, *look)
 
     def depth_picture(self) -> np.ndarray:
         """The stored depths, [size, size] uint8 (white = far)."""

@@ -3,7 +3,7 @@
 import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
-from warp_smoke.shadow.bias import Bias, fixed_bias, tangent
+from warp_smoke.shadow.bias import Bias, fixed_bias, plane_normal, tangent
 from warp_smoke.shadow.caster_mask import CasterMask, may_be_shadowed
 from warp_smoke.shadow.filters import Taps
 from warp_smoke.shadow.umbra import deepest_within
@@ -100,21 +100,23 @@ def _filter_taps(
     taps: Taps,
     points: wp.array[wp.vec3],
     normals: wp.array[wp.vec3],
+    facets: wp.array[wp.vec3],
     visibility_out: wp.array[float],
 ):
     """visibility[n] = share of taps that are lit."""
     n = rows.first + wp.tid()
     p = points[n]
-    cosine = -wp.dot(m.direction, normals[n])
     visible = wp.float32(0.0)
-    if cosine > 0.0:
+    if wp.dot(m.direction, normals[n]) < 0.0:
         visible = wp.float32(1.0)
+        normal = plane_normal(normals[n], facets[n], m.direction)
+        cosine = -wp.dot(m.direction, normal)
         if wp.dot(p, m.direction) <= m.far and may_be_shadowed(mask, p):
             reach = taps.radius * (1.0 + taps.growth * wp.length(p - taps.eye)) + taps.texels * m.texel
-            if in_umbra(m, p, normals[n], cosine, _FARTHEST_TAP * reach):
+            if in_umbra(m, p, normal, cosine, _FARTHEST_TAP * reach):
                 visible = wp.float32(0.0)
             else:
-                visible = share_of_taps(m, taps, p, normals[n], cosine, reach)
+                visible = share_of_taps(m, taps, p, normal, cosine, reach)
     visibility_out[n] = visible
 
 
@@ -127,38 +129,40 @@ def _filter_penumbra(
     spread: float,
     points: wp.array[wp.vec3],
     normals: wp.array[wp.vec3],
+    facets: wp.array[wp.vec3],
     visibility_out: wp.array[float],
 ):
     """Percentage-closer soft shadows (Fernando, 2005): blockers at mean depth b widen the filter to spread (d − b)."""
     n = rows.first + wp.tid()
     p = points[n]
-    cosine = -wp.dot(m.direction, normals[n])
     visible = wp.float32(0.0)
-    if cosine > 0.0:
+    if wp.dot(m.direction, normals[n]) < 0.0:
         visible = wp.float32(1.0)
+        normal = plane_normal(normals[n], facets[n], m.direction)
+        cosine = -wp.dot(m.direction, normal)
         d = wp.dot(p, m.direction) - m.near
         if d <= m.far - m.near and may_be_shadowed(mask, p):
             smallest = taps.texels * m.texel
             reach = wp.max(spread * d, smallest)
             total = wp.float32(0.0)
             blockers = wp.float32(0.0)
-            if in_umbra(m, p, normals[n], cosine, reach):
+            if in_umbra(m, p, normal, cosine, reach):
                 visible = wp.float32(0.0)
             else:
                 for k in range(taps.offsets.shape[0]):
                     o = reach * taps.offsets[k]
                     stored = stored_depth(m, p + o)
-                    if nearest_of_texel(m, p, normals[n], cosine, o) > stored:
+                    if nearest_of_texel(m, p, normal, cosine, o) > stored:
                         blockers += 1.0
                         total += stored
             if blockers > 0.0:
                 reach = wp.max(spread * (d - total / blockers), smallest)
-                visible = share_of_taps(m, taps, p, normals[n], cosine, reach)
+                visible = share_of_taps(m, taps, p, normal, cosine, reach)
     visibility_out[n] = visible
 
 
 def filter_map(launcher: Launcher, m: DirectionalMap, mask: CasterMask, taps: Taps, *look: wp.array) -> None:
-    """Visibility by a fixed filter; `look` is points, normals and visibility_out, [n] each."""
+    """Visibility by a fixed filter; `look` is points, normals, facets' normals and visibility_out, [n] each."""
     launcher.launch_each(_filter_taps, len(look[0]), m, mask, taps, *look)
 
 

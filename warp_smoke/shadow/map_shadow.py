@@ -82,11 +82,14 @@ class MapShadow(ABC):
         """Offsets of the filter's taps in set space, [n, 3], and its half-width in texels without softness."""
 
     @abstractmethod
-    def visibility(self, points: wp.array, normals: wp.array, visibility_out: wp.array) -> None:
+    def visibility(
+        self, points: wp.array, normals: wp.array, visibility_out: wp.array, facets: wp.array | None = None
+    ) -> None:
         """Writes the share of light from 0 to 1 that reaches each point.
 
         Args:
             points: in set space, [n] vec3.
             normals: unit surface normals, [n] vec3.
             visibility_out: [n].
+            facets: unit normals of the planes that the points' neighbours lie on, [n] vec3; `normals` unless given.
         """

@@ -10,7 +10,7 @@ from warp_smoke.shadow.splats import SPLATS
 from warp_smoke.shadow.spot import SpotShadow
 
 # (launcher, light, casters, receiver_bounds, camera), then .update(time) and .visibility(points, normals,
-# visibility_out).
+# visibility_out, facets).
 SURFACE_SHADOWS = {
     "cube": CubeShadow,
     "spot": SpotShadow,

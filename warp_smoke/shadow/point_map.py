@@ -3,7 +3,7 @@
 import warp as wp
 
 from warp_smoke.launch import Launcher, Rows
-from warp_smoke.shadow.bias import Bias, fixed_bias
+from warp_smoke.shadow.bias import Bias, fixed_bias, plane_normal
 from warp_smoke.shadow.caster_mask import CasterMask, face_towards, may_be_shadowed
 from warp_smoke.shadow.filters import Taps
 from warp_smoke.shadow.umbra import deepest_within
@@ -125,15 +125,16 @@ def _filter_taps(
     taps: Taps,
     points: wp.array[wp.vec3],
     normals: wp.array[wp.vec3],
+    facets: wp.array[wp.vec3],
     visibility_out: wp.array[float],
 ):
     """visibility[n] = share of taps that are lit, among those below the horizon of the point's plane."""
     n = rows.first + wp.tid()
-    normal = normals[n]
     r = points[n] - m.position
     visible = wp.float32(0.0)
-    if wp.dot(r, normal) < 0.0:
+    if wp.dot(r, normals[n]) < 0.0:
         visible = wp.float32(1.0)
+        normal = plane_normal(normals[n], facets[n], r)
         if wp.length(r) <= m.far and may_be_shadowed(mask, points[n]):
             c = map_coordinates(m, r)
             face = int(c[0])
@@ -161,6 +162,7 @@ def _filter_penumbra(
     closest: float,
     points: wp.array[wp.vec3],
     normals: wp.array[wp.vec3],
+    facets: wp.array[wp.vec3],
     visibility_out: wp.array[float],
 ):
     """Percentage-closer soft shadows (Fernando, 2005): blockers at mean distance b widen the filter to R (d − b) / b.
@@ -168,11 +170,11 @@ def _filter_penumbra(
     Blockers are searched for within R (d − b₀) / b₀, b₀ being the distance of the closest caster.
     """
     n = rows.first + wp.tid()
-    normal = normals[n]
     r = points[n] - m.position
     visible = wp.float32(0.0)
-    if wp.dot(r, normal) < 0.0:
+    if wp.dot(r, normals[n]) < 0.0:
         visible = wp.float32(1.0)
+        normal = plane_normal(normals[n], facets[n], r)
         d = wp.length(r)
         if d <= m.far and may_be_shadowed(mask, points[n]):
             c = map_coordinates(m, r)
@@ -207,7 +209,7 @@ def _filter_penumbra(
 
 
 def filter_map(launcher: Launcher, m: PointMap, mask: CasterMask, taps: Taps, *look: wp.array) -> None:
-    """Visibility by a fixed filter; `look` is points, normals and visibility_out, [n] each."""
+    """Visibility by a fixed filter; `look` is points, normals, facets' normals and visibility_out, [n] each."""
     launcher.launch_each(_filter_taps, len(look[0]), m, mask, taps, *look)
 
 

@@ -117,13 +117,16 @@ class PointMapShadow(MapShadow):
             return filters.spiral(), 0.5
         return filters.edges_and_corners(), filters.DEFAULT_TEXELS
 
-    def visibility(self, points: wp.array, normals: wp.array, visibility_out: wp.array) -> None:
+    def visibility(
+        self, points: wp.array, normals: wp.array, visibility_out: wp.array, facets: wp.array | None = None
+    ) -> None:
         """Writes the share of light from 0 to 1 that reaches each point; see `MapShadow.visibility`."""
         args = (self._launcher, self.map, self._mask.mask, self._taps)
+        look = (points, normals, normals if facets is None else facets, visibility_out)
         if self._light.shadow_filter == "pcss":
-            filter_penumbra(*args, float(self._light.radius), self._closest, points, normals, visibility_out)
+            filter_penumbra(*args, float(self._light.radius), self._closest, *look)
         else:
-            filter_map(*args, points, normals, visibility_out)
+            filter_map(*args, *look)
 
 
 def _union(boxes: np.ndarray) -> np.ndarray:

@@ -195,13 +195,16 @@ class RayTracedShadow:
         """Boxes of what may stand between the receivers and the light, [n, 2, 3]."""
         return _grown(self._casters.boxes_behind_which(self._receivers, light, self._offset), self._offset)
 
-    def visibility(self, points: wp.array, normals: wp.array, visibility_out: wp.array) -> None:
+    def visibility(
+        self, points: wp.array, normals: wp.array, visibility_out: wp.array, facets: wp.array | None = None
+    ) -> None:
         """Writes the share of light from 0 to 1 that reaches each point.
 
         Args:
             points: in set space, [n] vec3.
             normals: unit surface normals, [n] vec3.
             visibility_out: [n].
+            facets: make no difference to rays; maps have a bias by them.
         """
         rays = (self._offset, self._near, self._far, points, normals, visibility_out)
         where, count = (self._casters.mesh.id, self._tiles.mask, self._homogeneous), len(points)
