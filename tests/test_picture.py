@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from pxr import Usd, UsdShade
+from pxr import Usd, UsdGeom, UsdShade
 from scenes import at, floor, plume, shining
 from stage_text import write_stage
 
@@ -16,6 +16,7 @@ from warp_smoke.launch import Launcher
 from warp_smoke.lighting import Lighting
 from warp_smoke.picture import SmokeVolume, render_picture
 from warp_smoke.plan import make_plan
+from warp_smoke.preview import preview
 from warp_smoke.shading.normal_map import encode_normals, height_normals
 from warp_smoke.timing import Timings
 from warp_smoke.usd.read_volume import read_volumes
@@ -331,6 +332,26 @@ def test_faces_of_a_mesh_without_a_material(tmp_path):
     prims = [stage.GetPrimAtPath(path) for path in ("/World/Floor", "/World/Floor/S0", "/World/Floor/S1")]
     bound = {UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0].GetPath() for prim in prims}
     assert len(bound) == 1  # the baked picture, over all its faces
+
+
+def test_display_colors_from_the_stage_to_the_pixels(tmp_path):
+    """Without a material, faces reflect their linear display colours: in the picture, the bake and the preview."""
+    mesh = Mesh.grid((-3, 0, 3), (6, 0, 0), (0, 0, -6), 2)
+    ground = ws.Surface(path="/World/Floor", mesh=mesh, receiver=ws.Receiver(path="/World/Floor", texture_size=SIZE))
+    scene = ws.Scene(surfaces=[ground], camera=looking_down(), ambient=(1, 1, 1), start=1, end=1)
+    scene.save(tmp_path / "floor.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "floor.usda"))
+    colors = UsdGeom.Mesh.Get(stage, "/World/Floor").CreateDisplayColorPrimvar(UsdGeom.Tokens.uniform)
+    left, right = (0.2, 0.5, 0.0), (0.0, 0.1, 0.8)
+    colors.Set([left] * 4 + [right] * 4)
+    stage.Save()
+    result = ws.run(tmp_path / "floor.usda", tmp_path / "out")
+    ws.render(tmp_path / "out", tmp_path / "seen.png", size=(SIZE, SIZE), samples=1)
+    preview(tmp_path / "floor.usda", screenshot=tmp_path / "preview.png", size=(SIZE, SIZE))
+    files = (*result.folder.glob("textures/Floor.lit*"), tmp_path / "seen.png", tmp_path / "preview.png")
+    for picture in (np.asarray(Image.open(file))[..., :3] for file in files):
+        for color, half in ((left, picture[4:-4, 4:28]), (right, picture[4:-4, 36:-4])):
+            assert np.abs(half - srgb(color)).max() <= 1  # codes are rounded, once more between VTK's and the file's
 
 
 def test_what_cannot_be_shown_is_told(tmp_path):

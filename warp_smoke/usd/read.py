@@ -17,6 +17,7 @@ from warp_smoke.record import each_value
 from warp_smoke.scene import Collider, Emitter, Light, Scene, SmokeDomain, Surface
 from warp_smoke.usd.names import STAGE, TRANSFORM
 from warp_smoke.usd.read_camera import read_camera
+from warp_smoke.usd.read_display_color import warn_of_instances_colors
 from warp_smoke.usd.read_instances import InstanceReader, instanced_prims
 from warp_smoke.usd.read_light import is_ambient, link_light, read_ambient, read_light
 from warp_smoke.usd.read_material import MaterialReader
@@ -143,6 +144,7 @@ class _Contents:
         elif "SmokeDomainAPI" in applied:
             self.domains.append(read_domain(reader, prim))
         elif prim.IsA(UsdGeom.PointInstancer):
+            warn_of_instances_colors(reader, prim)
             for inside, each in instanced_prims(reader, prim):
                 self.add(inside, each)
         elif has_geometry(prim):
@@ -196,14 +198,15 @@ class _Contents:
             receives = False
         if prim.HasAPI(UsdLux.LightAPI):
             reader.warn(prim, "a mesh that is a light is not supported; it does not shine")
+        material, subsets = self._materials.look_of(prim, mesh)
         with reader.naming(prim.GetPath(), {"transform": TRANSFORM}):
             self.surfaces.append(
                 Surface(
                     path=reader.path(prim),
                     transform=reader.transform(prim),
                     mesh=mesh,
-                    material=self._materials.bound_to(prim),
-                    subsets=self._materials.bound_to_subsets(prim, mesh),
+                    material=material,
+                    subsets=subsets,
                     visible=reader.visible(prim),
                     receiver=read_receiver(reader, prim) if receives and prim.IsA(UsdGeom.Mesh) else None,
                     instancer=reader.instancer if isinstance(reader, InstanceReader) else None,

@@ -1,6 +1,7 @@
 """Materials: the bound `UsdPreviewSurface`, with a `UsdUVTexture` on any of its inputs that are shaded.
 
 A texture on displacement gives heights for parallax; `SmokeMaterialAPI` on the Material says what else USD cannot.
+Where none is bound, the display colour stands in.
 """
 
 import numpy as np
@@ -10,6 +11,7 @@ from warp_smoke.geometry import Mesh
 from warp_smoke.record import finite, positive
 from warp_smoke.scene import Material, MaterialSubset, Procedural, Texture
 from warp_smoke.usd.names import MATERIAL, PROCEDURAL, TEXTURE, TRANSFORM_2D, smoke_attribute
+from warp_smoke.usd.read_display_color import read_display_color
 from warp_smoke.usd.reader import StageReader, shortest_decimal
 from warp_smoke.usd.schema import schema_attributes
 
@@ -55,6 +57,24 @@ class MaterialReader:
     def __init__(self, reader: StageReader):
         self._reader = reader
         self._materials: dict[Sdf.Path, Material | None] = {}
+        self._unbound: dict[Sdf.Path, tuple[Material | None, tuple[MaterialSubset, ...]]] = {}
+
+    def look_of(self, prim: Usd.Prim, mesh: Mesh) -> tuple[Material | None, tuple[MaterialSubset, ...]]:
+        """The material of a prim, or without one its display colour, and the materials of its face subsets.
+
+        Raises:
+            ValueError: one line naming file, prim and attribute.
+        """
+        material, subsets = self.bound_to(prim), self.bound_to_subsets(prim, mesh)
+        if material is not None or _is_bound(prim):
+            return material, subsets
+        if prim.GetPath() not in self._unbound:
+            self._unbound[prim.GetPath()] = read_display_color(self._reader, prim, mesh)
+        material, colored = self._unbound[prim.GetPath()]
+        if material is None:
+            return None, subsets
+        bound = (each for each in subsets if _is_bound(prim.GetStage().GetPrimAtPath(each.path)))
+        return material, (*bound, *colored)
 
     def bound_to(self, prim: Usd.Prim) -> Material | None:
         """The material of a prim; None, with a warning, if it is not a `UsdPreviewSurface`; None if it has none.
@@ -244,6 +264,13 @@ class MaterialReader:
         with self._reader.naming(shader.GetPath(), TRANSFORM_2D):
             Texture(file="", **fields)  # checked here, where the prim is known
         return fields
+
+
+def _is_bound(prim: Usd.Prim) -> bool:
+    """Whether a prim names a material, there or not, or has one from above."""
+    binding = UsdShade.MaterialBindingAPI(prim)
+    named = binding.GetDirectBindingRel().GetTargets()
+    return bool(named or binding.ComputeBoundMaterial(UsdShade.Tokens.full)[0])
 
 
 def _reflectance(values: dict[str, object], textures: dict[str, Texture | None], procedural: bool) -> dict[str, object]:

@@ -1,0 +1,130 @@
+"""How surfaces without a material look: `primvars:displayColor` and `displayOpacity`, as viewers show them.
+
+The records have one colour a material, so colours of whole faces become face subsets.
+"""
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from warp_smoke.geometry import Mesh
+from warp_smoke.record import LARGEST
+from warp_smoke.scene import Material, MaterialSubset
+from warp_smoke.usd.reader import StageReader, shortest_decimal
+
+# Of one surface: each is a material of its own.
+MOST_COLORS = 64
+# The width of a primvar's values and the largest that is allowed.
+_COLOR, _OPACITY = ("displayColor", 3, LARGEST), ("displayOpacity", 1, 1.0)
+
+
+def read_display_color(
+    reader: StageReader, prim: Usd.Prim, mesh: Mesh
+) -> tuple[Material | None, tuple[MaterialSubset, ...]]:
+    """The diffuse colour (linear RGB) and the opacity of a prim without a material.
+
+    Args:
+        reader: the stage's; is told what cannot be shown as it is.
+        prim: a mesh or another prim with a surface.
+        mesh: its shape.
+
+    Returns:
+        The material of most faces, or None without either primvar, and the subsets of the other faces.
+    """
+    colors, opacities = (_read_faces(reader, prim, *primvar) for primvar in (_COLOR, _OPACITY))
+    if colors is None and opacities is None:
+        return None, ()
+    colors = np.array([Material().diffuse_color]) if colors is None else colors
+    opacities = np.ones((1, 1)) if opacities is None else opacities
+    if opacities.min() < 1.0:
+        reader.warn(prim, "primvars:displayOpacity: its shadow is that of an opaque surface")
+    count = max(len(colors), len(opacities))
+    every = np.hstack([np.broadcast_to(values, (count, values.shape[1])) for values in (colors, opacities)])
+    looks, look_of_face, faces_of_look = np.unique(every, axis=0, return_inverse=True, return_counts=True)
+    materials = [
+        Material(
+            path=f"{prim.GetPath()}_displayColor" + (f"_{n}" if len(looks) > 1 else ""),
+            diffuse_color=tuple(map(shortest_decimal, look[:3])),
+            opacity=shortest_decimal(look[3]),
+        )
+        for n, look in enumerate(looks)
+    ]
+    most = int(np.argmax(faces_of_look))
+    if len(looks) == 1:
+        return materials[most], ()
+    face_of_triangle = np.arange(len(mesh.triangles)) if mesh.faces is None else mesh.faces
+    look_of_triangle = look_of_face.ravel()[face_of_triangle]
+    subsets = (
+        MaterialSubset(
+            path=f"{prim.GetPath()}/displayColor_{n}",
+            triangles=np.flatnonzero(look_of_triangle == n),
+            material=material,
+        )
+        for n, material in enumerate(materials)
+        if n != most
+    )
+    return materials[most], tuple(subsets)
+
+
+def warn_of_instances_colors(reader: StageReader, instancer: Usd.Prim) -> None:
+    """Tells that the instances of a `PointInstancer` do not have colours of their own."""
+    primvar = UsdGeom.PrimvarsAPI(instancer).GetPrimvar("displayColor")
+    if primvar and primvar.HasValue() and primvar.GetInterpolation() != UsdGeom.Tokens.constant:
+        reader.warn(instancer, "primvars:displayColor of each instance is not supported; the prototypes' is used")
+
+
+def _read_faces(reader: StageReader, prim: Usd.Prim, name: str, width: int, largest: float) -> np.ndarray | None:
+    """A primvar's value on each face of a mesh, [faces, width], or the one on all of them, [1, width].
+
+    None, with a warning, where its values cannot be used.
+    """
+    primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name)
+    if not primvar or not primvar.HasValue():
+        return None
+    reader.still(primvar.GetAttr())
+    values = np.atleast_1d(primvar.ComputeFlattened(reader.start))
+    if not values.size:
+        return None
+    if values.dtype.kind not in "fiu" or values.size != len(values) * width:
+        reader.warn(prim, f"primvars:{name} gives no values of {width} numbers each; it is left out")
+        return None
+    values = values.astype(np.float64).reshape(-1, width)
+    if not np.all((values >= 0.0) & (values <= largest)):
+        reader.warn(prim, f"primvars:{name} has values other than 0 to {largest:g}; it is left out")
+        return None
+    at_corners, counts = _at_corners(prim, values, primvar.GetInterpolation(), reader.start)
+    if at_corners is None:
+        text = f"{len(values)} values, which do not fit the prim ({primvar.GetInterpolation()}); they are left out"
+        reader.warn(prim, f"primvars:{name} has {text}")
+        return None
+    if np.all(at_corners == at_corners[:1]):
+        return at_corners[:1]
+    first = at_corners[np.minimum(np.cumsum(counts) - counts, len(at_corners) - 1)]
+    whole = np.array_equal(np.repeat(first, counts, axis=0), at_corners)
+    if whole and len(np.unique(first, axis=0)) <= MOST_COLORS:
+        return first
+    text = f"varies inside faces or has more than {MOST_COLORS} values, which is not supported; its mean is used"
+    reader.warn(prim, f"primvars:{name} {text}")
+    return at_corners.mean(axis=0, keepdims=True)
+
+
+def _at_corners(
+    prim: Usd.Prim, values: np.ndarray, interpolation: str, time: float
+) -> tuple[np.ndarray | None, np.ndarray]:
+    """Primvar values at each face's corners, None if there are not as many as needed, and the faces' corner counts.
+
+    A prim that is no mesh has no faces here: values that change over it belong to one.
+    """
+    if interpolation == UsdGeom.Tokens.constant:
+        return (values if len(values) == 1 else None), np.ones(1, int)
+    if not prim.IsA(UsdGeom.Mesh):
+        return values, np.array([len(values)])
+    mesh = UsdGeom.Mesh(prim)
+    counts, indices = (
+        np.asarray(attribute.Get(time), np.int64)
+        for attribute in (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr())
+    )
+    places, needed = {
+        UsdGeom.Tokens.uniform: (np.repeat(np.arange(len(counts)), counts), len(counts)),
+        UsdGeom.Tokens.faceVarying: (np.arange(len(indices)), len(indices)),
+    }.get(interpolation, (indices, len(mesh.GetPointsAttr().Get(time))))
+    return (values[places] if len(values) == needed else None), counts
