@@ -99,6 +99,23 @@ def Xform "World"
     assert {"severity": "error", "where": "/World/Floor.visibility"}.items() <= problems[0].items()
 
 
+def test_a_plan_cuts_nothing(warp_smoke, tmp_path):
+    """In 80 columns long paths go on in the next line; places with the same reason share a row; warnings come last."""
+    scene, path = plume(), "/World/" + "Corridor" * 9 + "/Door"
+    surface = replace(floor(), path=path, receiver=replace(floor().receiver, path=path, bake=("lit",)))
+    replace(scene, surfaces=[surface], emitters=[]).save(tmp_path / "set.usda")
+    status, out, err = warp_smoke("plan", "set.usda")
+    assert status == 0
+    assert max(map(len, out.splitlines())) <= 80
+    assert "…" not in out
+    places = "".join(line.split("│")[2].replace(" ", "") for line in out.splitlines() if line.startswith("│"))
+    assert f"{path}×/World/Lamp,/World/Sun" in places
+    assert err.startswith("warning /World/Smoke: no emitter")
+    made = ws.make_plan(ws.Scene.open("set.usda"))
+    assert [each.name for each in made.passes].count("shade_light") == 2
+    assert out.count("shade_light") == 1
+
+
 def test_json(warp_smoke):
     """With --json standard output is one JSON document."""
     stage = STAGES / "room.usda"
@@ -196,10 +213,13 @@ PLUME = STAGES / "plume.usda"
         (["run", PLUME, "--threads", "-1"], "threads is -1"),
         (["run", PLUME, "-o", STAGES], "would overwrite"),
         (["run", PLUME, "-o", "noise.usda/out"], "below the file"),
+        (["run", PLUME, "-o", "noise.usda"], "noise.usda: output folder is a file; allowed: a folder"),
         (["preview", "nothere.usda"], "nothere.usda"),
         (["preview", PLUME, "--frame", "999", "--screenshot", "a.png"], "frame is 999"),
         (["preview", PLUME, "--screenshot", "a.foo"], "screenshot is a.foo; allowed: a name that ends in .png, .jpg"),
         (["render", PLUME, "-o", "a.foo"], "output is a.foo; allowed: a name that ends in .png"),
+        (["render", PLUME, "-o", "a.png", "--frame", "999"], "plume.usda: frame is 999; allowed: 1…48"),
+        (["render", "blind.usda", "-o", "a.png"], "blind.usda: no camera to render through; add a UsdGeomCamera"),
         (["preview", PLUME, "--size", "0x9"], "--size is 0x9"),
         (["validate", "nothere.usda"], "nothere.usda"),
     ],
@@ -207,6 +227,7 @@ PLUME = STAGES / "plume.usda"
 def test_bad_input(warp_smoke, tmp_path, args, said):
     """A mistake ends with exit status 2 and one line that names it; no folder is left behind."""
     (tmp_path / "noise.usda").write_bytes(bytes(range(256)))
+    (tmp_path / "blind.usda").write_text('#usda 1.0\n(\n    defaultPrim = "A"\n)\ndef Xform "A"\n{\n}\n')
     (tmp_path / "nodefault.usda").write_text('#usda 1.0\ndef Xform "A"\n{\n}\n')
     status, out, err = warp_smoke(*args)
     assert status == 2

@@ -247,6 +247,40 @@ def test_linked_surfaces_cast_the_only_shadows():
     assert baked([ball, other], None).sum() < without.sum()
 
 
+@pytest.mark.parametrize(
+    ("fields", "meant"),
+    [
+        ({"normalize": False, "angle": 0.53, "intensity": 2.0}, "; is inputs:normalize meant, or more exposure?"),
+        ({"intensity": 1e-4}, "; is more exposure meant?"),
+        ({"intensity": 1e-2}, None),
+        ({"intensity": 0.0}, None),
+    ],
+)
+def test_light_too_dim_to_be_seen_is_told(fields, meant):
+    """A black lit texture is warned of once, with what the brightest light gives a matte floor: albedo B cos."""
+    sun = ws.DistantLight(path="/World/Sun", transform=shining((0, -1, 0)), **fields)
+    simulation = ws.Simulation(ws.Scene(surfaces=[floor()], lights=[sun], end=3))
+    pictures = [simulation.step().pictures for _ in range(2)]
+    told = [warning for warning in simulation.warnings if "black" in warning]
+    if meant is None:
+        assert told == []
+        return
+    assert not pictures[0]["/World/Floor", "lit"].any()
+    # The irradiance over π: I sin² of half the angle, or I/π with `normalize`; 0.18 is the default grey.
+    given = 0.18 * (2.0 * np.sin(np.radians(0.265)) ** 2 if "angle" in fields else 1e-4 / np.pi)
+    said = f"/World/Floor: its lit bake is black: the brightest light, /World/Sun, gives {given:.1e} of white{meant}"
+    assert told == [said]
+
+
+def test_what_is_black_by_shadow_is_not_told():
+    """A floor under a lid is black with light enough: nothing is said."""
+    lid = ws.Surface(path="/World/Lid", mesh=ws.Mesh.box(20.0), transform=at(0, 10.5, 0))
+    sun = ws.DistantLight(path="/World/Sun", transform=shining((0, -1, 0)), intensity=3.0)
+    simulation = ws.Simulation(ws.Scene(surfaces=[floor(), lid], lights=[sun], end=1))
+    assert not simulation.step().pictures["/World/Floor", "lit"].any()
+    assert not any("black" in warning for warning in simulation.warnings)
+
+
 def test_no_smoke_to_step():
     """A scene without smoke says why there is none, with the domain's path."""
     scene = plume()

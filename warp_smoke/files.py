@@ -19,7 +19,8 @@ def check_folder(folder: Path) -> None:
     """Raises FieldError if a folder, or one above it, is something else, or may not be written."""
     there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
     if not there.is_dir():
-        raise FieldError(str(folder), "output folder", f"below the file {there}", "a folder")
+        found = "a file" if there == folder else f"below the file {there}"
+        raise FieldError(str(folder), "output folder", found, "a folder")
     if not os.access(there, os.W_OK | os.X_OK):
         allowed = "a folder that may be written"
         raise FieldError(str(folder), "output folder", "without permission to write", allowed)

@@ -17,6 +17,8 @@ from warp_smoke.shadow.casters import Casters
 from warp_smoke.shadow.methods import SMOKE_SHADOWS, SURFACE_SHADOWS
 from warp_smoke.timing import Timings
 
+# The largest linear value that rounds to black in an 8-bit sRGB picture: half a code of its linear part.
+_BLACK = 0.5 / 255 / 12.92
 # Density that no smoke is meant to exceed, yet whose sums over a box are finite.
 _FULL = 1e6
 
@@ -26,7 +28,7 @@ class Lighting:
 
     Attributes:
         origin: world position of set space's origin, near the middle of what is lit, [3] float64.
-        warnings: what could not be baked as asked.
+        warnings: what could not be baked as asked, and from the first update on what is too dark to be seen.
     """
 
     def __init__(self, launcher: Launcher, plan: Plan, timings: Timings):
@@ -197,7 +199,10 @@ class Lighting:
                     shares.fill_(1.0)
                     self._look_through_smoke(light, bake.smoke_points, shares)
         with self._timings.measure("bake"):
-            return {(each.surface.path, name): pixels for name, pixels in bake.pictures(due).items()}
+            pictures = bake.pictures(due)
+        if not self._baked and "lit" in pictures and _is_black(pictures["lit"]):
+            self.warnings += _too_dim(each, *bake.brightest_light())
+        return {(each.surface.path, name): pixels for name, pixels in pictures.items()}
 
     def _look_through_smoke(self, each: LightPlan, points: wp.array, shares: wp.array) -> None:
         for smoke in each.smoke:
@@ -217,3 +222,23 @@ def _only_smoke_changes(each: ReceiverPlan) -> bool:
 def _is_colored(light: LightPlan) -> bool:
     """Whether smoke dims some of the light's colours more than others."""
     return any(each.domain.domain.colors_light for each in light.smoke)
+
+
+def _is_black(pixels: np.ndarray) -> bool:
+    """Whether a lit picture, or values at points, is black everywhere."""
+    return bool(pixels[..., :3].max(initial=0) <= (_BLACK if pixels.dtype == np.float32 else 0))
+
+
+def _too_dim(each: ReceiverPlan, light: Light | None, value: float) -> tuple[str, ...]:
+    """Warns of a black receiver whose lights are too dim, rather than hidden from it or off.
+
+    Args:
+        each: the receiver.
+        light: its brightest.
+        value: the most of it that the receiver would reflect without any shadow, linear.
+    """
+    if not 0.0 < value <= _BLACK:
+        return ()
+    meant = "is more exposure meant?" if light.normalize else "is inputs:normalize meant, or more exposure?"
+    dim = f"its lit bake is black: the brightest light, {light.path}, gives {value:.1e} of white"
+    return (f"{each.surface.path}: {dim}; {meant}",)

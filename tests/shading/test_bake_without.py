@@ -36,11 +36,11 @@ PLAIN = Mesh.grid((-2, 0, 2), (4, 0, 0), (0, 0, -4), 4)
 @pytest.mark.parametrize(
     ("uvs", "message"),
     [
-        (None, "/Floor: no texture coordinates; colours at its points are baked instead of a texture"),
+        (None, "/Floor: no texture coordinates; colours at its 25 points are baked instead of a texture"),
         (
             PLAIN.uvs % 0.75 * 8,
             "/Floor: texture coordinates reach over 0…4 and overlap in 1024 of 1024 texels; "
-            "colours at its points are baked instead of a texture",
+            "colours at its 25 points are baked instead of a texture",
         ),
         (PLAIN.uvs * np.float32(np.nan), "/Floor: texture coordinates are not finite"),
         (PLAIN.uvs * 0, "/Floor: texture coordinates cover no area"),

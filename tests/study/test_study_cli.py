@@ -51,7 +51,7 @@ def test_study_as_json(call):
     [
         (("--suite", "nonsense"), "suite is nonsense; allowed: advection, pressure"),
         (("--suite", "scene"), "suite is scene, which needs a stage; allowed"),
-        (("--suite", "flow", "-o", "file"), "file: output folder is below the file"),
+        (("--suite", "flow", "-o", "file"), "file: output folder is a file; allowed: a folder"),
         (("--suite", "flow", "-o", "file/inside"), "file/inside: output folder is below the file"),
         (("--suite", "flow", "--device", "tpu"), "device is tpu; allowed here: cpu"),
         (("none.usda",), "none.usda"),

@@ -179,6 +179,13 @@ def test_recommended_is_the_cheapest_that_is_nearly_the_best():
     assert recommended(rows, "l2").median == 2.0
 
 
+def test_nothing_is_recommended_by_equal_pictures():
+    """Filters that all give the same pictures, as black ones are, leave nothing to choose by."""
+    rows = [make_row(problem=SURFACE_SHADOWS, key=str(t), median=t, errors={"shadows": 0.0}) for t in (1.0, 2.0)]
+    said = "for shadows of surfaces nothing to choose by: all settings give the same pictures; are they black?"
+    assert SceneStudy(_room()).recommendation(rows) == f"Recommended: {said}."
+
+
 def test_a_stage_stays_on_the_page(launcher, tmp_path, monkeypatch):
     """A suite that is measured later in the folder of a stage joins it: the stage's rows and its section remain."""
     monkeypatch.setattr(disclosure, "source_digest", lambda: "0" * 12)

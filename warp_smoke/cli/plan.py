@@ -1,9 +1,12 @@
 """`warp-smoke plan`: which passes a stage calls for, and why."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from rich.markup import escape
 
 import warp_smoke
 from warp_smoke.cli.console import out, warn
@@ -31,13 +34,13 @@ def plan(
     if as_json:
         print(json.dumps(_as_plain(made), indent=2))
         return
-    warn([*scene.warnings, *made.warnings])
     if made.chosen:
         out.print(str(made.chosen), soft_wrap=True, markup=False, highlight=False)
     out.print(_passes(made) if made.passes else "Nothing runs.")
     if made.left_out:
         out.print(_left_out(made))
     out.print(made.memory, highlight=False)
+    warn([*scene.warnings, *made.warnings])
     made.check_memory(Launcher().available_bytes())
 
 
@@ -48,19 +51,36 @@ def _as_plain(made: "warp_smoke.Plan") -> dict:
 
 
 def _passes(made: "warp_smoke.Plan") -> "Table":
-    from rich.table import Table
-
-    table = Table("Pass", "For", "When", "Why", title="Runs, in this order")
+    table = _table("Pass", "For what, and why", title="Runs, in this order")
+    found: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
     for each in made.passes:
-        method = f"\n[dim]{each.method}[/dim]" if each.method else ""
-        table.add_row(each.name + method, "\n".join(each.subjects), each.when, each.why)
+        found.setdefault((each.name, each.method, each.when, each.why), []).append(each.subjects)
+    for (name, method, when, why), subjects in found.items():
+        how = ", ".join(filter(None, (method, when)))
+        table.add_row(f"{name}\n[dim]{how}[/dim]", f"{_list(subjects)}\n[dim]{escape(why)}[/dim]")
     return table
 
 
 def _left_out(made: "warp_smoke.Plan") -> "Table":
-    from rich.table import Table
-
-    table = Table("Pass", "For", "Why not", title="Left out", style="dim")
+    table = _table("Pass", "For", "Why not", title="Left out", style="dim")
+    found: dict[tuple[str, str], list[tuple[str, ...]]] = {}
     for each in made.left_out:
-        table.add_row(each.name, "\n".join(each.subjects), each.why)
+        found.setdefault((each.name, each.why), []).append(each.subjects)
+    for (name, why), subjects in found.items():
+        table.add_row(name, _list(subjects), why)
     return table
+
+
+def _table(*columns: str, **options: str) -> "Table":
+    """A table that breaks what is too long for a line, and cuts nothing."""
+    from rich.table import Column, Table
+
+    return Table(*(Column(name, overflow="fold") for name in columns), **options)
+
+
+def _list(places: Iterable[tuple[str, ...]]) -> str:
+    """Places that share a row, a line for each that comes first, with all that it is paired with."""
+    found: dict[str, list[str]] = {}
+    for first, *others in filter(None, places):
+        found.setdefault(first, []).extend([" × ".join(others)] * bool(others))
+    return "\n".join(" × ".join(filter(None, (first, ", ".join(others)))) for first, others in found.items())

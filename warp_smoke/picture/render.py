@@ -12,6 +12,7 @@ from warp_smoke.launch import Launcher, load_kernels
 from warp_smoke.picture.renderer import PictureRenderer
 from warp_smoke.picture.smoke_volume import SmokeVolume
 from warp_smoke.quality import choose_quality, samples_of
+from warp_smoke.record import FieldError
 from warp_smoke.scene import Scene
 
 DEFAULT_SAMPLES = 2
@@ -96,7 +97,8 @@ def render(
         The file.
 
     Raises:
-        ValueError: the stage or one of its files is damaged, has no camera, or a number is not allowed.
+        ValueError: the stage or one of its files is damaged, has no camera, the frame is none of its own, or a number
+            is not allowed.
         OSError: a file cannot be read or written.
     """
     if Path(output).suffix.lower() != ".png":
@@ -105,8 +107,12 @@ def render(
     from warp_smoke.usd.read_volume import read_volumes
 
     stage, scene = open_in_own_look(path)
+    if scene.camera is None:
+        raise ValueError(f"{path}: no camera to render through; add a UsdGeomCamera")
     if frame is None:
         frame = (scene.start + scene.end) // 2
+    if frame not in scene.frames:
+        raise FieldError(str(path), "frame", frame, f"{scene.start}…{scene.end}")
     usual = DEFAULT_SAMPLES if quality is None else samples_of(quality)
     launcher = Launcher(device, threads)
     samples = usual if samples is None else samples
@@ -131,7 +137,7 @@ def simulate_smoke(scene: Scene, frame: int, device: str = "cpu", threads: int |
     from warp_smoke.simulation import Simulation
 
     if frame not in scene.frames:
-        raise ValueError(f"frame is {frame}; allowed: {scene.start}…{scene.end}")
+        raise FieldError(str(scene.source or "scene"), "frame", frame, f"{scene.start}…{scene.end}")
     surfaces = [replace(surface, receiver=None) for surface in scene.surfaces]
     domains = [replace(domain, grids=("density",)) for domain in scene.domains]
     simulation = Simulation(replace(scene, surfaces=surfaces, domains=domains), device=device, threads=threads)

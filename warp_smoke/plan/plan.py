@@ -3,7 +3,13 @@
 from dataclasses import dataclass
 from itertools import chain
 
-from warp_smoke.plan.doubts import dark_receivers, filled_domains, open_meshes
+from warp_smoke.plan.doubts import (
+    dark_receivers,
+    filled_domains,
+    idle_emitters,
+    open_meshes,
+    small_emitters,
+)
 from warp_smoke.plan.host_memory import host_estimate
 from warp_smoke.plan.passes import DomainPlan, LeftOut, Pass, ReceiverPlan, VolumePlan
 from warp_smoke.quality import Chosen
@@ -33,7 +39,7 @@ class Plan:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user marked for smoke or baking, and that makes none; full domains; and doubtful meshes."""
+        """What the user marked for smoke or baking, and that makes none; idle or tiny emitters; doubtful meshes."""
         marked = {each.path for each in self.scene.domains} | {each.path for each in self.scene.surfaces}
         missing = (
             f"{out.subjects[0]}: {out.why}"
@@ -41,7 +47,13 @@ class Plan:
             if out.name in ("simulate", "bake") and len(out.subjects) == 1 and out.subjects[0] in marked
         )
         start = self.scene.start
-        doubts = filled_domains(self.domains, start), open_meshes(self.domains), dark_receivers(self.receivers, start)
+        doubts = (
+            idle_emitters(self.scene, self.domains),
+            small_emitters(self.domains, start),
+            filled_domains(self.domains, start),
+            open_meshes(self.domains),
+            dark_receivers(self.receivers, start),
+        )
         return (*missing, *chain(*doubts))
 
     @property

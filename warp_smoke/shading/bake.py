@@ -179,6 +179,11 @@ class ReceiverBake:
             eye = wp.vec4(*self._eye)
             shade_light(*args, self._looks, self._points, self._detail, eye, self._radiance[index])
 
+    def brightest_light(self) -> tuple[Light | None, float]:
+        """The light that gives `lit` its largest value without shadows, linear; None and 0 without any."""
+        values = [float(radiance.max(initial=0.0)) for radiance in self._radiance.numpy()] if self._lights else []
+        return max(zip(self._lights, values, strict=True), key=lambda pair: pair[1], default=(None, 0.0))
+
     def picture(self, bake: str) -> np.ndarray:
         """One of the receiver's bakes as it now stands.
 

@@ -16,7 +16,7 @@ _OVERLAP_OF_ROUNDING = 0.01
 def map_surface(launcher: Launcher, surface: Surface, origin: np.ndarray) -> tuple[TexelMap | VertexMap, tuple]:
     """The texels of a receiver, or its points where its texture coordinates hold no picture, and warnings."""
     uvs, path = surface.mesh.uvs, surface.path
-    instead = "colours at its points are baked instead of a texture"
+    instead = f"colours at its {surface.mesh.points_at(0.0).shape[0]} points are baked instead of a texture"
     if uvs is None:
         return VertexMap(launcher, surface, origin), (f"{path}: no texture coordinates; {instead}",)
     if not np.all(np.isfinite(uvs)):

@@ -184,6 +184,10 @@ class SceneStudy:
             if problem in self.TABLES:
                 continue
             error, _ = self.PANEL_ERRORS.get(problem, (self.MAIN_ERROR, ""))
+            if len(found) > 1 and not any(row.errors[error] for row in found):
+                same = "pictures; are they black?" if problem in self.PANEL_ERRORS else "smoke; is there any?"
+                says.append(f"for {problem} nothing to choose by: all settings give the same {same}")
+                continue
             chosen = recommended(found, error)
             times = max(row.median for row in found) / chosen.median
             says.append(
