@@ -15,7 +15,7 @@ from warp_smoke.geometry import transform_points
 from warp_smoke.lattice import place_lattice
 from warp_smoke.preview import preview
 from warp_smoke.preview.camera import camera_view
-from warp_smoke.preview.color import linear_to_srgb
+from warp_smoke.preview.color import linear_to_srgb, to_bytes
 from warp_smoke.preview.stage import PreviewStage
 from warp_smoke.preview.view import StageView
 from warp_smoke.usd.author import author_scene
@@ -150,7 +150,7 @@ def test_light_in_the_volume_files_is_the_smokes_color(tmp_path):
     cells = np.argwhere(thick)
     centers = transform_points(place_lattice(scene, scene.domains[0]).cells_to_world(), cells + 0.5)
     voxels = np.rint(transform_points(np.linalg.inv(shown.to_world), centers)).astype(int)
-    seen = shown.rgba[(*voxels.T, slice(3))].astype(int)
+    seen = to_bytes(shown.rgba[(*voxels.T, slice(3))]).astype(int)
     assert np.abs(seen - linear_to_srgb(fields.light[thick])).max() <= 2  # half precision in the file
     assert np.ptp(seen) > 20
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from warp_smoke.preview.color import linear_to_srgb
+from warp_smoke.preview.color import encode_light, expose_light, linear_to_srgb, to_bytes
 from warp_smoke.preview.smoke import REFLECTANCE, Beam, color_smoke, find_smoke, optical_depth, show_light
 
 SIDES = np.array([0.3, 0.3, 0.3])
@@ -67,8 +67,8 @@ def test_ambient_light_is_the_same_everywhere():
     density = np.array([0.0, 1.0, 4.0], np.float32).reshape(3, 1, 1)
     smoke = color_smoke(density, np.eye(4), 2.0, [], np.array([0.2, 0.4, 0.8]))
     color = linear_to_srgb(REFLECTANCE * np.array([0.2, 0.4, 0.8]))
-    assert (smoke.rgba[..., :3] == color).all()
-    assert smoke.rgba[:, 0, 0, 3].tolist() == [0, 64, 255]
+    assert (to_bytes(smoke.rgba[..., :3]) == color).all()
+    assert smoke.rgba[:, 0, 0, 3].tolist() == [0, 16384, 65535]
     assert smoke.extinction == 8.0
 
 
@@ -87,7 +87,7 @@ def test_thin_smoke_gives_back_what_falls_on_it():
     """Where smoke is too thin to shade itself it has the beam's colour: the shares of all bounces add up to 1."""
     beam = Beam(np.array([0.0, 0.0, 1.0]), np.array([0.9, 0.6, 0.3]))
     smoke = color_smoke(np.ones((2, 2, 2), np.float32), np.eye(4), 1e-6, [beam], np.zeros(3))
-    assert (smoke.rgba[..., :3] == linear_to_srgb(REFLECTANCE * beam.radiance)).all()
+    assert (to_bytes(smoke.rgba[..., :3]) == linear_to_srgb(REFLECTANCE * beam.radiance)).all()
 
 
 def test_srgb_bytes_follow_the_standard():
@@ -96,6 +96,19 @@ def test_srgb_bytes_follow_the_standard():
     exact = 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     assert np.abs(linear_to_srgb(linear) - exact).max() < 0.55
     assert linear_to_srgb(np.array([-1.0, 2.0])).tolist() == [0, 255]
+
+
+def test_light_beyond_white():
+    """The sRGB curve goes on: 16 bits hold light up to the brightest, and a stop less is the light halved."""
+    linear = np.array([-1.0, 0.0, 0.002, 0.5, 1.0, 4.0, 40.0])
+    codes, brightest = encode_light(linear)
+    exact = np.where(linear <= 0.0031308, 12.92 * np.maximum(linear, 0), 1.055 * np.abs(linear) ** (1 / 2.4) - 0.055)
+    assert brightest == pytest.approx(exact[-1])
+    assert np.abs(codes / 65535 * brightest - exact).max() < 2e-4 + 0.5 * brightest / 65535  # the table's steps
+    halved, less = expose_light(codes, brightest, -1.0)
+    expected, bright = encode_light(linear / 2)
+    np.testing.assert_allclose(less * halved, bright * expected, atol=25)  # of 65535: a byte has 257
+    assert expose_light(codes, brightest, 0.0) == (codes, brightest)
 
 
 def test_light_that_is_known_is_shown_as_it_is():
@@ -107,6 +120,6 @@ def test_light_that_is_known_is_shown_as_it_is():
     smoke = show_light(density, np.eye(4), 2.0, scattered)
     mean = np.array([0.2, 0.4, 0.6])
     for place, light in (((1, 2, 2), scattered[1, 2, 2]), ((3, 2, 2), scattered[2, 2, 2]), ((1, 3, 1), mean)):
-        assert smoke.rgba[(*place, slice(3))].tolist() == linear_to_srgb(light).tolist()
+        assert to_bytes(smoke.rgba[(*place, slice(3))]).tolist() == linear_to_srgb(light).tolist()
     assert not smoke.rgba[4, :, :, :3].any()
     assert smoke.extinction == 2.0

@@ -1,5 +1,7 @@
 """VTK's ray caster as it is set up here: opacity after Beer and Lambert, whatever the voxels and the samples."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,8 +13,8 @@ TOLERANCE = 1  # the picture has 8 bits
 
 def _slab(shape, depth, turn, code=255):
     """White voxels 1 unit thick along z, `depth` deep in all where their code is 255, turned about z by `turn`."""
-    rgba = np.full((*shape, 4), 255, np.uint8)
-    rgba[..., 3] = code
+    rgba = np.full((*shape, 4), 65535, np.uint16)
+    rgba[..., 3] = 257 * code
     to_world = np.eye(4)
     side = 1.0 / (shape[2] - 1)  # between the outermost samples
     c, s = np.cos(turn), np.sin(turn)
@@ -50,6 +52,20 @@ def test_a_ray_that_ends_early_misses_little(open_plotter, depth):
     plotter.camera.parallel_scale = 0.3
     seen = plotter.screenshot(None, return_img=True)[5:35, 5:35].astype(float)
     assert np.abs(seen - 255 * np.exp(-depth)).max() <= 0.02 * 255 + TOLERANCE
+
+
+@pytest.mark.parametrize("exposure", [0.0, -2.0])
+def test_light_beyond_white_is_clipped_last(open_plotter, exposure):
+    """Thin smoke of light that is four times white in sRGB is as bright as its share of that, not as one of white."""
+    plotter = open_plotter((40, 40))
+    lit = replace(_slab((33, 33, 33), 0.2, 0.0), brightest=4.0)
+    SmokeActor(plotter, 1.0).show(lit, exposure)
+    plotter.camera.parallel_projection = True
+    plotter.camera_position = [(0, 0, 4), (0, 0, 0), (0, 1, 0)]
+    plotter.camera.parallel_scale = 0.3
+    seen = plotter.screenshot(None, return_img=True)[5:35, 5:35].astype(float).mean()
+    value = 1.055 * (2.0**exposure * ((4.0 + 0.055) / 1.055) ** 2.4) ** (1 / 2.4) - 0.055
+    assert seen == pytest.approx(255 * value * (1 - np.exp(-0.2)), abs=4.0 * TOLERANCE)
 
 
 def test_smoke_that_ends_is_no_longer_drawn(open_plotter):

@@ -9,14 +9,41 @@ def _encode(linear: np.ndarray) -> np.ndarray:
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.power(linear, 1 / 2.4) - 0.055)
 
 
+def _decode(encoded: np.ndarray) -> np.ndarray:
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
 # The curve is steep near black: in even steps of sqrt(linear) it is off by at most 0.05 before it is rounded.
-_BYTES = np.rint(255 * _encode(np.linspace(0.0, 1.0, _STEPS + 1) ** 2)).astype(np.uint8)
+_CODES = _encode(np.linspace(0.0, 1.0, _STEPS + 1) ** 2).astype(np.float32)
+_BYTES = np.rint(255 * _CODES).astype(np.uint8)
 
 
 def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
     """Bytes of sRGB, uint8 of the same shape, from linear values; those outside [0, 1] are clipped."""
     root = np.sqrt(np.clip(linear, 0.0, 1.0))
     return _BYTES[np.rint(_STEPS * root).astype(np.int16)]
+
+
+def encode_light(linear: np.ndarray) -> tuple[np.ndarray, float]:
+    """Codes of sRGB from linear values, of which some may be brighter than white: the curve goes on for them.
+
+    Returns:
+        Codes, uint16 of the same shape, 0 for values below 0; and the sRGB value that 65535 stands for, at least 1.
+    """
+    root = np.sqrt(np.maximum(linear, 0.0))
+    encoded = _CODES[np.rint(_STEPS * np.minimum(root, 1.0)).astype(np.int16)]
+    bright = root > 1.0
+    encoded[bright] = _encode(root[bright] ** 2)
+    brightest = max(float(encoded.max(initial=0.0)), 1.0)
+    return np.rint(encoded * (65535 / brightest)).astype(np.uint16), brightest
+
+
+def expose_light(codes: np.ndarray, brightest: float, stops: float) -> tuple[np.ndarray, float]:
+    """What `encode_light` gives for light that is doubled for each stop."""
+    if stops == 0:
+        return codes, brightest
+    table, brightest = encode_light(2.0**stops * _decode(np.linspace(0.0, brightest, 65536)))
+    return table[codes], brightest
 
 
 def to_bytes(codes: np.ndarray) -> np.ndarray:
@@ -28,6 +55,4 @@ def expose_codes(codes: np.ndarray, stops: float) -> np.ndarray:
     """Bytes of sRGB with their light doubled for each stop; the same array for none."""
     if stops == 0:
         return codes
-    encoded = np.arange(256) / 255
-    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    return linear_to_srgb(2.0**stops * linear)[codes]
+    return linear_to_srgb(2.0**stops * _decode(np.arange(256) / 255))[codes]

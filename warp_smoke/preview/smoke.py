@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_smoke.preview.color import linear_to_srgb
+from warp_smoke.preview.color import encode_light
 
 # Of the light that falls on thick smoke, what comes back: a cloud is less white than a white wall.
 REFLECTANCE = 0.7
@@ -37,14 +37,17 @@ class SmokeVoxels:
     """Smoke ready to be drawn.
 
     Attributes:
-        rgba: [nx, ny, nz, 4] uint8 at the voxels' centres: sRGB colour, and density as a share of its maximum.
+        rgba: [nx, ny, nz, 4] uint16 at the voxels' centres: sRGB colour as a share of `brightest`, and density as a
+            share of its maximum.
         to_world: index (i, j, k) of a voxel to the world position of its centre, 4 × 4 row-vector matrix.
         extinction: where the density is greatest [1/stage unit].
+        brightest: sRGB value that the greatest code of a colour stands for: white, 1, or beyond it.
     """
 
     rgba: np.ndarray
     to_world: np.ndarray
     extinction: float
+    brightest: float = 1.0
 
 
 def find_smoke(
@@ -53,7 +56,7 @@ def find_smoke(
     """The box of voxels that hold smoke, within a layer of voxels that hold none, so that its edge is soft.
 
     Args:
-        density: [nx, ny, nz] float32; what is below zero is none, and so is what RGBA voxels could not tell from none.
+        density: [nx, ny, nz] float32; what is below zero is none, and so is what is less than 1/510 of the greatest.
         to_world: index (i, j, k) of a voxel to the world position of its centre, 4 × 4 row-vector matrix.
         scattered: light, linear RGB, [nx, ny, nz, 3], or None.
 
@@ -114,11 +117,11 @@ def color_smoke(
 
 
 def _voxels(density: np.ndarray, to_world: np.ndarray, extinction: float, radiance: np.ndarray) -> SmokeVoxels:
-    rgba = np.empty((*density.shape, 4), np.uint8)
-    rgba[..., :3] = linear_to_srgb(radiance)
+    rgba = np.empty((*density.shape, 4), np.uint16)
+    rgba[..., :3], brightest = encode_light(radiance)
     greatest = density.max()
-    rgba[..., 3] = np.rint(density * (255 / greatest))
-    return SmokeVoxels(rgba, to_world, extinction * float(greatest))
+    rgba[..., 3] = np.rint(density * (65535 / greatest))
+    return SmokeVoxels(rgba, to_world, extinction * float(greatest), brightest)
 
 
 def _spread(light: np.ndarray) -> np.ndarray:

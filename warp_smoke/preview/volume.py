@@ -4,7 +4,7 @@ import numpy as np
 import pyvista as pv
 from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
 
-from warp_smoke.preview.color import expose_codes
+from warp_smoke.preview.color import expose_light
 from warp_smoke.preview.smoke import SmokeVoxels
 
 # The opacity of voxels of greatest density along the unit distance, which is set so that this is right.
@@ -41,7 +41,7 @@ class SmokeActor:
         grid = pv.ImageData(dimensions=smoke.rgba.shape[:3], spacing=size)
         # VTK's first index is the fastest.
         rgba = np.ascontiguousarray(smoke.rgba.transpose(2, 1, 0, 3)).reshape(-1, 4)
-        rgba[:, :3] = expose_codes(rgba[:, :3], exposure)
+        rgba[:, :3], brightest = expose_light(rgba[:, :3], smoke.brightest, exposure)
         grid.point_data["rgba"] = rgba
         grid.point_data.active_scalars_name = "rgba"
         if self._actor is None:
@@ -49,19 +49,26 @@ class SmokeActor:
         else:
             self._actor.mapper.dataset = grid
         self._actor.user_matrix = matrix.T
+        # VTK clips samples at white, but not their sum, which it multiplies by one over this window.
+        self._actor.mapper.SetFinalColorWindow(1.0 / brightest)
+        self._actor.mapper.SetFinalColorLevel(0.5 / brightest)
         self._actor.mapper.SetSampleDistance(self._step * size.min())
         for component in _COMPONENTS:
             self._actor.prop.SetScalarOpacityUnitDistance(component, _UNIT_DEPTH / smoke.extinction)
 
     def _add(self, grid: pv.ImageData) -> pv.Volume:
-        actor = self._plotter.add_volume(grid, scalars="rgba", mapper="gpu", reset_camera=False, render=False)
-        actor.prop.interpolation_type = "linear"
+        # By hand: `add_volume` takes only bytes, too few for colours beyond white.
+        actor = pv.Volume()
+        actor.mapper, actor.prop = pv.GPUVolumeRayCastMapper(), pv.VolumeProperty(interpolation_type="linear")
+        actor.prop.independent_components = False
         opacity = vtkPiecewiseFunction()
-        for code in range(256):
-            opacity.AddPoint(code, 1.0 - np.exp(-_UNIT_DEPTH * code / 255))
+        for share in np.linspace(0.0, 1.0, 256):
+            opacity.AddPoint(65535 * share, 1.0 - np.exp(-_UNIT_DEPTH * share))
         actor.prop.SetScalarOpacity(opacity)
         actor.mapper.SetAutoAdjustSampleDistances(False)
         actor.mapper.SetUseJittering(True)
+        actor.mapper.dataset = grid
         ends = f"if (g_fragColor.a > {_OPAQUE}) break;\n    {_STEP_SHADER}"
         actor.GetShaderProperty().AddFragmentShaderReplacement(_STEP_SHADER, True, ends, False)
+        self._plotter.add_actor(actor, reset_camera=False, render=False)
         return actor
