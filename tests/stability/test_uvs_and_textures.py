@@ -14,9 +14,9 @@ _FLOOR = small_plume(16).surfaces[0]
 _UVS = _FLOOR.mesh.uvs
 # Texture coordinates, and a word of the warning; none where nothing is left out.
 UVS = {
-    "none": (None, "at its points"),
-    "without area": (np.zeros_like(_UVS), "at its points"),
-    "on a line": (_UVS * [1.0, 0.0], "at its points"),
+    "none": (None, "points are baked"),
+    "without area": (np.zeros_like(_UVS), "points are baked"),
+    "on a line": (_UVS * [1.0, 0.0], "points are baked"),
     "mirrored": (_UVS * [-1.0, 1.0] + [1.0, 0.0], None),
     "outside": (_UVS * 3.0 - 1.0, "[0, 1]"),
     "overlapping": (_UVS[[0, 0]], "overlap"),

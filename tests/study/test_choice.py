@@ -165,7 +165,7 @@ def test_rays_that_errors_are_measured_from_say_so(launcher, tmp_path):
     """Rays to all of the light have no error by definition, which is not a measurement."""
     folder = stored(launcher, shadows_alone(), tmp_path / "study", lambda case: (0.1 * (case.method != "area"), 1.0))
     _, chosen = choose(shadows_alone(), folder=folder, max_error=0.01)
-    assert "area at 512: 1 ms a frame, itself what errors are measured from" in str(chosen)
+    assert "area at 512: 1 ms a frame, the same as what errors are measured from" in str(chosen)
 
 
 def test_measures_what_is_not_stored(launcher, tmp_path):

@@ -182,7 +182,7 @@ def test_recommended_is_the_cheapest_that_is_nearly_the_best():
 def test_nothing_is_recommended_by_equal_pictures():
     """Filters that all give the same pictures, as black ones are, leave nothing to choose by."""
     rows = [make_row(problem=SURFACE_SHADOWS, key=str(t), median=t, errors={"shadows": 0.0}) for t in (1.0, 2.0)]
-    said = "for shadows of surfaces nothing to choose by: all settings give the same pictures; are they black?"
+    said = "for shadows of surfaces nothing to choose by: all settings give the same pictures (are they black?)"
     assert SceneStudy(_room()).recommendation(rows) == f"Recommended: {said}."
 
 

@@ -143,7 +143,8 @@ def _explain(front: Sequence[Row], problem: str, chosen: Row, count: int, source
     error, words = _ERRORS[problem]
 
     def gives(row: Row) -> str:
-        off = f"{words} {percent(row.errors[error])}" if row.errors[error] else "itself what errors are measured from"
+        size = row.errors[error]
+        off = f"{words} {percent(size)}" if size else "the same as what errors are measured from"
         return f"{duration(row.median)} a frame, {off}"
 
     place = front.index(chosen)

@@ -185,7 +185,7 @@ class SceneStudy:
                 continue
             error, _ = self.PANEL_ERRORS.get(problem, (self.MAIN_ERROR, ""))
             if len(found) > 1 and not any(row.errors[error] for row in found):
-                same = "pictures; are they black?" if problem in self.PANEL_ERRORS else "smoke; is there any?"
+                same = "pictures (are they black?)" if problem in self.PANEL_ERRORS else "smoke (is there any?)"
                 says.append(f"for {problem} nothing to choose by: all settings give the same {same}")
                 continue
             chosen = recommended(found, error)
