@@ -57,13 +57,14 @@ def test_materials_for_the_smoke(warp_smoke, tmp_path):
     assert status == 0
     assert "info(s)" in out
     assert "error" not in out
+    assert out.startswith("The layers over it that the run wrote:\n")
     status, _, err = warp_smoke("run", stage, "--volume-shader", "mantra")
     assert status == 2
     assert "karma" in err
 
 
 def test_problems_are_told(warp_smoke, tmp_path):
-    """Each problem is a line with severity and place, then their counts; --json has the same ones."""
+    """Each problem is a line with severity and place, then counts; --json has the same; warnings are no failure."""
     path = tmp_path / "odd.usda"
     path.write_text("""#usda 1.0
 (
@@ -97,6 +98,11 @@ def Xform "World"
     problems = json.loads(out)
     assert len(problems) == len(lines) - 1
     assert {"severity": "error", "where": "/World/Floor.visibility"}.items() <= problems[0].items()
+    untidy = path.read_text().replace('"seen"', '"inherited"').replace("float3[] extent = [(0, 0, 0), (1, 0, 1)]", "")
+    path.write_text(untidy)
+    status, out, _ = warp_smoke("validate", path)
+    assert status == 0
+    assert "warning: /World/Floor: has no extent" in out
 
 
 def test_a_plan_cuts_nothing(warp_smoke, tmp_path):
