@@ -79,32 +79,29 @@ def run(
     from warp_smoke.simulation import Simulation
 
     made_of = fingerprint(plan.scene, device, stirred_by)
-    before = checkpoint_before(place, made_of) if resume else None
-    if resume and not before and (report := finished_report(place, made_of)):
-        return Result(place.path, place.stage, report)
+    with place.held():
+        before = checkpoint_before(place, made_of) if resume else None
+        if resume and not before and (report := finished_report(place, made_of)):
+            return Result(place.path, place.stage, report)
 
-    began = perf_counter()
-    simulation = Simulation(plan, device=device, threads=threads, on_substep=on_substep)
-    if before:
-        simulation.load(before.frame, before.fields)
-    ready = perf_counter()
-    first, last = before.frame + 1 if before else plan.scene.start, plan.scene.end
-    with (
-        Interruption() as interruption,
-        place.held(),
-        Output(place, simulation, made_of, checkpoint_every, before) as output,
-    ):
-        for number in range(first, last + 1):
-            frame = simulation.step()
-            output.write(frame)
-            if on_frame:
-                on_frame(frame)
-            if interruption.signal and number < last:
-                output.stop()
-                raise Interrupted(f"Stopped after frame {number} of {last}", interruption.signal)
-        if depth_maps:
-            output.write_depth_maps()
-        return output.finish(set_up=ready - began)
+        began = perf_counter()
+        simulation = Simulation(plan, device=device, threads=threads, on_substep=on_substep)
+        if before:
+            simulation.load(before.frame, before.fields)
+        ready = perf_counter()
+        first, last = before.frame + 1 if before else plan.scene.start, plan.scene.end
+        with Interruption() as interruption, Output(place, simulation, made_of, checkpoint_every, before) as output:
+            for number in range(first, last + 1):
+                frame = simulation.step()
+                output.write(frame)
+                if on_frame:
+                    on_frame(frame)
+                if interruption.signal and number < last:
+                    output.stop()
+                    raise Interrupted(f"Stopped after frame {number} of {last}", interruption.signal)
+            if depth_maps:
+                output.write_depth_maps()
+            return output.finish(set_up=ready - began)
 
 
 def _plan_of(scene: Scene | Plan | str | Path, folder: str | Path | None, **options) -> Plan:
