@@ -195,7 +195,7 @@ ALLOWED = {
     },
     ws.Scene: {
         "ambient": colors,
-        "time_codes_per_second": powers(-9, 6),
+        "time_codes_per_second": powers(-6, 6),
         "meters_per_unit": powers(-9, 6),
         "up_axis": st.sampled_from(AXES),
     },

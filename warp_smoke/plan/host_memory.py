@@ -9,7 +9,7 @@ _FRAMES = 2.5
 _GRIDS = {"density": 1, "temperature": 1, "velocity": 3, "light": 3}
 # Bytes of a texel for each bake, in frames in hand and in the making; and while a picture is computed.
 _BAKE = 16
-_PROCEDURAL = 128
+_PROCEDURAL = 96
 
 
 def host_estimate(domains: tuple[DomainPlan, ...], receivers: tuple[ReceiverPlan, ...]) -> dict[str, int]:

@@ -14,6 +14,9 @@ from warp_smoke.scene.surface import Surface
 
 AXES = ("X", "Y", "Z")
 
+# Time codes per second: frames of up to a million seconds, in which the largest rates give numbers that can be squared.
+_SLOWEST = 1e-6
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scene(Record):
@@ -21,7 +24,7 @@ class Scene(Record):
 
     Attributes:
         start, end: first and last frame (time codes), both simulated.
-        time_codes_per_second: frames in a second.
+        time_codes_per_second: frames in a second, at least 1e-6.
         meters_per_unit: length of a stage unit [m].
         up_axis: X, Y or Z.
         ambient: light from everywhere, linear RGB (USD: `DomeLight`).
@@ -60,7 +63,8 @@ class Scene(Record):
         self._store("ambient", at_least("scene", "ambient", self.ambient, shape=(3,)))
         self._store("start", whole("scene", "start", self.start, -(10**9), 10**9))
         self._store("end", whole("scene", "end", self.end, self.start, 10**9))
-        self._store("time_codes_per_second", positive("scene", "time_codes_per_second", self.time_codes_per_second))
+        rate = positive("scene", "time_codes_per_second", self.time_codes_per_second)
+        self._store("time_codes_per_second", at_least("scene", "time_codes_per_second", rate, _SLOWEST))
         self._store("meters_per_unit", positive("scene", "meters_per_unit", self.meters_per_unit))
         one_of("scene", "up_axis", self.up_axis, AXES)
 
