@@ -89,9 +89,10 @@ def test_rows_of_another_length_are_recorded_anew(launcher):
         np.testing.assert_array_equal(out.numpy(), 2.0)
 
 
-def test_keeps_so_many_recorded_launches(launcher, monkeypatch):
+def test_keeps_so_many_recorded_launches(device, monkeypatch):
     """Ever new shapes do not keep ever more arrays alive, and launches that were dropped are recorded again."""
     monkeypatch.setattr("warp_smoke.launch._MOST_RECORDED", 3)
+    launcher = Launcher(device)
     for count in (1, 2, 3, 4, 5, 1):
         visits = launcher.zeros(count, "test", dtype=int)
         launcher.launch_each(_count_visits, count, visits)
