@@ -286,4 +286,4 @@ def test_no_smoke_to_step():
     scene = plume()
     scene = replace(scene, emitters=[replace(each, transform=at(100, 0, 0)) for each in scene.emitters])
     with pytest.raises(ValueError, match=r"calls for no smoke: /World/Smoke: "):
-        ws.Simulation(scene).density  # noqa: B018
+        ws.Simulation(scene).solver()
