@@ -82,10 +82,27 @@ def test_crashes_and_endless_loops_are_told(monkeypatch, binary):
         check_readable(binary)
 
 
+def test_a_child_that_falls_asleep_is_tried_again(monkeypatch, binary, tmp_path):
+    """By chance a child inherits a lock that nobody opens: the next one finds the damage."""
+    monkeypatch.setattr(probe, "_ASLEEP", 0.1)
+    slept = tmp_path / "slept"
+
+    def sleep_once(path):
+        if not slept.exists():
+            slept.touch()
+            time.sleep(60.0)
+        return "its names are not UTF-8"
+
+    monkeypatch.setattr(probe, "_try", sleep_once)
+    with pytest.raises(ValueError, match=r"stage\.usdc: not a USD stage: its names are not UTF-8"):
+        check_readable(binary)
+    assert slept.exists()
+
+
 def test_large_or_slow_files_are_left_to_the_reader(monkeypatch, binary):
     """A stage that takes long because there is much of it, or because the disk is slow, is not called damaged."""
     monkeypatch.setattr(probe, "_try", lambda path: time.sleep(60.0))
-    monkeypatch.setattr(probe, "_WAIT", 0.1)
+    monkeypatch.setattr(probe, "_ASLEEP", 0.1)
     check_readable(binary)
     assert probe._judge(11.0, 0, 2**27) == ""
     assert probe._judge(11.0, 0, 10**6) is None

@@ -24,7 +24,8 @@ _LAYER = re.compile(rb"@([^@\n]+\.usd[acz]?)\b[^@\n]*@")
 _SECONDS, _SECONDS_PER_BYTE = 10.0, 2e-6
 _BYTES, _BYTES_PER_BYTE = 2**29, 256
 _LARGE = 2**26  # bytes of layers: trying longer would cost more than it is worth
-_WAIT = 20.0  # for a disk that is slow [s]
+_ASLEEP = 1.0  # how long a child may wait without working [s]: for a disk that is slow, or for ever
+_TRIES = 3
 _LONGEST_LINE = 4096  # what a pipe takes at once
 _CRASH = "it is damaged: USD crashes on it"
 
@@ -32,7 +33,9 @@ _CRASH = "it is damaged: USD crashes on it"
 def check_readable(path: Path) -> None:
     """Tries whether a stage can be opened and its values read, if it or a layer that it names is binary.
 
-    It forks, which is safe before threads are started, and on Linux alone; elsewhere it does nothing.
+    It forks, on Linux alone; elsewhere it does nothing. Where other threads are at work, a child may inherit a lock
+    that nobody will open, and sleep or crash by chance: it is then tried again. What sleeps each time is left to those
+    who read the stage.
 
     Args:
         path: the file.
@@ -42,15 +45,16 @@ def check_readable(path: Path) -> None:
     """
     if sys.platform != "linux" or not _is_binary(path, set()):
         return
-    said = _in_child(path)
-    if said.startswith(_CRASH):  # with threads about, a child may by chance; on damage it always does
+    for _ in range(_TRIES):
         said = _in_child(path)
+        if said is not None and not said.startswith(_CRASH):
+            break
     if said:
         raise ValueError(f"{path}: not a USD stage: {said}")
 
 
-def _in_child(path: Path) -> str:
-    """Tries a stage in a child process; says what is wrong, or nothing."""
+def _in_child(path: Path) -> str | None:
+    """Tries a stage in a child process; says what is wrong, or nothing, or None if the child fell asleep."""
     ours, theirs = os.pipe()
     child = os.fork()
     if child == 0:
@@ -113,22 +117,25 @@ def _torn(attribute: Usd.Attribute) -> str:
     return ""
 
 
-def _watch(child: int) -> str:
-    """Waits for the child, or ends it; says what it was that it could not do."""
-    process, before, began, pause = psutil.Process(child), psutil.Process().memory_info().data, monotonic(), 0.001
+def _watch(child: int) -> str | None:
+    """Waits for the child, or ends it; says what it was that it could not do, None if it sleeps."""
+    process, before, pause = psutil.Process(child), psutil.Process().memory_info().data, 0.001
+    worked, woke = 0.0, monotonic()
     while True:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
             return _crash(os.WTERMSIG(status)) if os.WIFSIGNALED(status) else ""
         sleep(pause)
         pause = min(2.0 * pause, 0.02)
-        used, waited = process.cpu_times(), monotonic() - began
-        seconds, grown = used.user + used.system, process.memory_info().data - before
-        if seconds < _SECONDS and grown < _BYTES and waited < _WAIT:
-            continue
         with contextlib.suppress(psutil.Error):  # it has just ended
-            said = _judge(seconds, grown, _bytes_read(process))
-            if said is not None:
+            used, grown = process.cpu_times(), process.memory_info().data - before
+            seconds = used.user + used.system
+            if seconds > worked or process.status() == psutil.STATUS_RUNNING:
+                worked, woke = seconds, monotonic()
+            asleep = monotonic() - woke > _ASLEEP
+            enough = seconds > _SECONDS or grown > _BYTES
+            said = _judge(seconds, grown, _bytes_read(process)) if enough and not asleep else None
+            if asleep or said is not None:
                 os.kill(child, signal.SIGKILL)
                 os.waitpid(child, 0)
                 return said
@@ -146,7 +153,7 @@ def _judge(seconds: float, grown: int, size: int) -> str | None:
         grown: memory that it has taken [bytes].
         size: of the layers so far [bytes].
     """
-    if size > _LARGE or (seconds < _SECONDS and grown < _BYTES):
+    if size > _LARGE:
         return ""
     if grown > _BYTES + _BYTES_PER_BYTE * size:
         return f"it is damaged: USD takes {grown / 2**30:.1f} GiB of memory for it"
