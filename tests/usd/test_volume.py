@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
 from results import SET, write_all
+from scipy.ndimage import binary_dilation
 
 import warp_smoke as ws
 from warp_smoke.lattice import place_lattice
@@ -156,6 +157,34 @@ def test_only_smoke_that_shows_is_kept(tmp_path, domain):
     # time_scale 2: a second of the stage is two of the smoke. A stage unit is 1 m.
     expected[around, around, around] = 1.0
     assert np.array_equal(dense(grids["vel"], shape), expected)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_scattered_smoke_is_kept_whole(tmp_path, seed):
+    """Of a few cells anywhere, at the sides too, each comes back at its place with the velocity around it."""
+    rng = np.random.default_rng(seed)
+    box = ws.SmokeDomain(path="/World/Smoke", lower=(0, 0, 0), upper=(2.3, 1.9, 0.9), resolution=23)
+    shape = place_lattice(ws.Scene(domains=[box]), box).shape
+    density, temperature = (np.zeros(shape, np.float32) for _ in range(2))
+    density.flat[rng.choice(density.size, seed + 1)] = 0.5
+    temperature.flat[rng.choice(density.size, seed + 1)] = rng.choice([-8.0, 8.0], seed + 1)
+    velocity = rng.normal(size=(*shape, 3)).astype(np.float16).astype(np.float32)
+    grids = written(tmp_path / "a.vdb", box, density, temperature, velocity)
+    assert np.array_equal(dense(grids["density"], shape), density)
+    assert np.array_equal(dense(grids["temperature"], shape), temperature)
+    near = binary_dilation(density > 0, np.ones((2 * VELOCITY_MARGIN + 1,) * 3))
+    assert np.array_equal(dense(grids["vel"], shape), np.where(near[..., None], velocity, 0))
+
+
+@pytest.mark.parametrize("field", ["density", "temperature", "velocity"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_not_finite_is_refused(tmp_path, domain, field, bad):
+    """A value that is not finite is an error that names its grid and voxel, and no file is left."""
+    fields = {field: np.zeros((16, 16, 16, 3) if field == "velocity" else (16, 16, 16), np.float32)}
+    fields[field][3, 9, 12] = bad
+    with pytest.raises(FieldError, match=r"voxel \[3, 9, 12\] is (nan|inf); allowed: finite numbers"):
+        written(tmp_path / "a.vdb", domain, **fields)
+    assert not any(tmp_path.iterdir())
 
 
 def test_air_at_rest_has_the_ambient_temperature(tmp_path, domain):

@@ -217,13 +217,24 @@ def test_known_bytes(tmp_path):
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_not_finite(tmp_path, bad):
+@pytest.mark.parametrize("threshold", [0.0, 0.5])
+def test_not_finite(tmp_path, bad, threshold):
     """NaN and infinity are refused with the grid's name and the index; nothing is written."""
     values = ball()
     values[20, 3, 7] = bad
-    with pytest.raises(FieldError, match=r"grid 'heat': values\[20, 3, 7\] is -?(nan|inf); allowed: finite numbers"):
-        write_vdb(tmp_path / "a.vdb", [Grid("heat", values, voxel_size=1.0)])
+    with pytest.raises(FieldError, match=r"grid 'heat': voxel \[25, 0, 9\] is -?(nan|inf); allowed: finite numbers"):
+        write_vdb(tmp_path / "a.vdb", [Grid("heat", values, (5, -3, 2), voxel_size=1.0, threshold=threshold)])
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_not_active_may_be_anything(tmp_path):
+    """Voxels that a mask leaves out are not stored, whatever they hold."""
+    values = ball()
+    active = values > 0
+    holes = np.where(active, values, np.nan).astype(np.float32)
+    write_vdb(tmp_path / "holes.vdb", [Grid("heat", holes, voxel_size=1.0, active=active)])
+    write_vdb(tmp_path / "zeros.vdb", [Grid("heat", values, voxel_size=1.0, active=active)])
+    assert (tmp_path / "holes.vdb").read_bytes() == (tmp_path / "zeros.vdb").read_bytes()
 
 
 def test_error_keeps_old_file(tmp_path):

@@ -13,6 +13,8 @@ from warp_smoke.record import Record, one_of
 from warp_smoke.scene import GRIDS, SmokeDomain
 from warp_smoke.usd.prims import check_frames, editable, free_path, set_over_time
 from warp_smoke.vdb import Grid, write_vdb
+from warp_smoke.vdb.grid import FLOAT_MAX
+from warp_smoke.vdb.layout import LEAF
 
 # Names that Blender, Houdini and Karma know.
 GRID_NAMES = {"density": "density", "temperature": "temperature", "velocity": "vel", "light": "light"}
@@ -77,39 +79,63 @@ def write_volume(
     Returns:
         Size of the file [bytes].
     """
-    h = lattice.voxel_size
-    place = {"voxel_size": h, "translation": (h / 2,) * 3}
     grids = []
-    smoky = None
+    place = {"voxel_size": lattice.voxel_size, "translation": (lattice.voxel_size / 2,) * 3}
+    box, smoky = (slice(None),) * 3, None
     if density is not None:
-        smoky = density * (domain.extinction * lattice.h) > FAINTEST if domain.extinction else density > 0
-        scaled = density * np.float32(domain.density_scale)
-        grids.append(Grid(GRID_NAMES["density"], scaled, active=smoky, **place))
+        faintest = FAINTEST / (domain.extinction * lattice.h) if domain.extinction else 0.0
+        smoky = ~(density <= faintest)  # so that what is not finite is not left out in silence
+        box = _box_around(smoky, VELOCITY_MARGIN)
+        smoky = smoky[box]
+        scaled = density[box] * np.float32(domain.density_scale)
+        grids.append(Grid(GRID_NAMES["density"], scaled, _first(box), active=smoky, **place))
     if temperature is not None:
         ambient = domain.ambient_temperature
-        difference = np.abs(temperature - np.float32(ambient))
-        warm = difference > TEMPERATURE_SHARE * difference.max()
-        grids.append(Grid(GRID_NAMES["temperature"], temperature, background=ambient, active=warm, **place))
+        hottest = min(max(temperature.max() - ambient, ambient - temperature.min()), FLOAT_MAX)
+        still = temperature <= np.float32(ambient + TEMPERATURE_SHARE * hottest)
+        still &= temperature >= np.float32(ambient - TEMPERATURE_SHARE * hottest)
+        warm = ~still
+        around = _box_around(warm, 0)
+        kind = {"background": ambient, "active": warm[around]}
+        grids.append(Grid(GRID_NAMES["temperature"], temperature[around], _first(around), **kind, **place))
     if velocity is not None:
         near = None if smoky is None else _grown(smoky, VELOCITY_MARGIN)
-        scaled = velocity * np.float32(domain.time_scale / lattice.meters_per_unit)
+        scaled = velocity[box] * np.float32(domain.time_scale / lattice.meters_per_unit)
         kind = {"grid_class": "unknown", "vector_type": "contravariant relative"}
-        grids.append(Grid(GRID_NAMES["velocity"], scaled, active=near, **kind, **place))
+        grids.append(Grid(GRID_NAMES["velocity"], scaled, _first(box), active=near, **kind, **place))
     if light is not None:
         grids.append(Grid(GRID_NAMES["light"], light, grid_class="unknown", **place))
     return write_vdb(path, grids, threads=threads)
 
 
+def _box_around(mask: np.ndarray, margin: int) -> tuple[slice, slice, slice]:
+    """The smallest box of whole leaves with all cells of the mask [nx, ny, nz], and those so far away, within it."""
+    in_i = mask.any(axis=(1, 2))
+    in_jk = mask.any(axis=0)
+    return tuple(_span(line, margin) for line in (in_i, in_jk.any(axis=1), in_jk.any(axis=0)))
+
+
+def _span(line: np.ndarray, margin: int) -> slice:
+    found = line.nonzero()[0]
+    if not len(found):
+        return slice(0, 0)
+    return slice(max(found[0] - margin, 0) // LEAF * LEAF, -(-(found[-1] + 1 + margin) // LEAF) * LEAF)
+
+
+def _first(box: tuple[slice, slice, slice]) -> tuple[int, int, int]:
+    return tuple(int(span.start or 0) for span in box)
+
+
 def _grown(mask: np.ndarray, cells: int) -> np.ndarray:
     """The mask [nx, ny, nz] with every cell at most so many cells away along each axis added."""
-    grown = mask.copy()
     for axis in range(3):
-        along = np.moveaxis(grown, axis, 0)
-        for _ in range(cells):
-            before = along.copy()
-            along[1:] |= before[:-1]
-            along[:-1] |= before[1:]
-    return grown
+        along = np.moveaxis(mask, axis, 0)
+        mask = mask.copy()
+        grown = np.moveaxis(mask, axis, 0)
+        for cell in range(1, cells + 1):
+            grown[cell:] |= along[:-cell]
+            grown[:-cell] |= along[cell:]
+    return mask
 
 
 def define_volume(stage: Usd.Stage, result: VolumeResult) -> UsdVol.Volume:

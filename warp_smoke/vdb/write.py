@@ -5,12 +5,13 @@ does not pay. No active tiles are made: every active voxel lies in a leaf.
 """
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 from hashlib import sha256
 from itertools import chain, pairwise
+from math import ceil, prod
 from pathlib import Path
 from struct import pack
 from uuid import UUID
@@ -42,7 +43,7 @@ from warp_smoke.vdb.layout import (
 COMPRESSIONS = ("zip", "none")
 LIBRARY_VERSION = (10, 0)
 HALF_MAX = float(np.finfo(np.float16).max)
-LEAVES_PER_TASK = 256
+LEAVES_PER_TASK = (256, 1024)  # fewer are not worth a thread's start, more do not fit into the cache
 
 
 def write_vdb(path: str | os.PathLike, grids: Iterable[Grid], *, compression: str = "zip", threads: int = 1) -> int:
@@ -61,7 +62,7 @@ def write_vdb(path: str | os.PathLike, grids: Iterable[Grid], *, compression: st
         Size of the file [bytes].
 
     Raises:
-        FieldError: a value is NaN or infinite, two grids have the same name, or an argument is not allowed.
+        FieldError: an active value is NaN or infinite, two grids have the same name, or an argument is not allowed.
         OSError: the file cannot be written.
     """
     path, grids = Path(path), list(grids)
@@ -73,9 +74,8 @@ def write_vdb(path: str | os.PathLike, grids: Iterable[Grid], *, compression: st
     body = [pack("<Ii", 0, len(grids))]  # no file metadata
     position = HEADER.size + len(body[0])
     with ThreadPoolExecutor(threads) as pool:
-        run = pool.map if threads > 1 else map
         for grid in grids:
-            record = _grid_record(grid, position, compression == "zip", run)
+            record = _grid_record(grid, position, compression == "zip", pool, threads)
             body += record
             position += sum(map(len, record))
     digest = sha256()
@@ -110,11 +110,13 @@ class _Leaves:
         return values.reshape(-1, *values.shape[4:]).compress(self.masks[chosen].ravel(), axis=0)
 
 
-def _active_leaves(grid: Grid, run: Callable) -> _Leaves:
-    # Layer by layer, so that the work fits into the cache; at least one layer, if it is empty.
+def _active_leaves(grid: Grid) -> _Leaves:
+    # Layer by layer of leaves, so that the work fits into the cache; at least one layer, if it is empty.
     start = -(grid.origin[0] % LEAF)
     layers = [slice(max(i, 0), i + LEAF) for i in range(start, max(grid.shape[0], 1), LEAF)]
-    found = list(run(partial(_leaves_in_layer, grid), layers))
+    # Memory that is new for each layer would cost more than the comparisons.
+    room = np.empty((LEAF, *grid.values.shape[1:]), bool) if grid.active is None else None
+    found = [_leaves_in_layer(grid, layer, room) for layer in layers]
     position, masks = (np.concatenate(parts) for parts in zip(*found, strict=True))
     root, upper = position // (UPPER * LOWER), position // LOWER
     order = np.lexsort((slots(position % LOWER, LOWER), slots(upper % UPPER, UPPER), *root.T[::-1]))
@@ -123,45 +125,39 @@ def _active_leaves(grid: Grid, run: Callable) -> _Leaves:
     return _Leaves(position, masks[order], index, _in_blocks(grid.values, grid.origin))
 
 
-def _leaves_in_layer(grid: Grid, layer: slice) -> tuple[np.ndarray, np.ndarray]:
+def _leaves_in_layer(grid: Grid, layer: slice, room: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Positions [n, 3] and masks [n, 512] of the leaves with active voxels in a layer of leaves along i."""
     origin = (grid.origin[0] + layer.start, *grid.origin[1:])
-    rows = _in_blocks(_active(grid, layer), origin).view(np.uint64)[..., 0]  # eight voxels along k are one word
-    i, j, k = index = np.array(np.bitwise_or.reduce(rows, axis=(1, 3)).nonzero())
-    masks = rows[i, :, j, :, k].view(bool).reshape(-1, LEAF_VOXELS)
-    return index.T + [first // LEAF for first in origin], masks
+    blocks = _in_blocks(grid.active[layer] if room is None else _outside(grid, layer, room), origin)
+    words = blocks.reshape(*blocks.shape[:5], prod(blocks.shape[5:])).view(np.uint64)  # eight flags each
+    by_leaf = np.bitwise_or.reduce(np.bitwise_or.reduce(words, axis=1), axis=2)
+    i, j, k = index = np.array(np.bitwise_or.reduce(by_leaf, axis=-1).nonzero())
+    flags = words[i, :, j, :, k].view(bool).reshape(-1, LEAF_VOXELS, words.shape[-1])
+    return index.T + [first // LEAF for first in origin], reduce(np.logical_or, np.moveaxis(flags, -1, 0))
 
 
-def _active(grid: Grid, layer: slice) -> np.ndarray:
-    """Which voxels of a layer are active, after a check that all its values are finite."""
-    values = grid.values[layer]
-    with np.errstate(over="ignore", invalid="ignore"):
-        total = values.sum()
-    if not np.isfinite(total):  # finite values can have an infinite sum, others never a finite one
-        _check_finite(grid, layer)
-    if grid.active is not None:
-        return grid.active[layer]
+def _outside(grid: Grid, layer: slice, room: np.ndarray) -> np.ndarray:
+    """Which numbers of a layer are not within the threshold of the background; those that are not finite never are.
+
+    Args:
+        grid: the grid.
+        layer: rows of its values along i, at most eight.
+        room: where the answer goes, [8, ny, nz] or [8, ny, nz, 3].
+
+    Returns:
+        The part of the room for these rows.
+    """
     # Rows along k with all their components, so that numpy's inner loops are long.
-    nx, ny, nz = values.shape[:3]
-    background = np.tile(grid.background, nz)
-    rows = values.reshape(nx, ny, len(background))
+    values, room = grid.values[layer], room[: len(grid.values[layer])]
+    background = np.tile(grid.background, grid.shape[2])
+    rows, outside = (each.reshape(*each.shape[:2], len(background)) for each in (values, room))
     if grid.threshold:
-        above = rows > (background + grid.threshold).astype(np.float32)
-        below = rows < (background - grid.threshold).astype(np.float32)
-        outside = np.logical_or(above, below, out=above)
+        np.less_equal(rows, (background + grid.threshold).astype(np.float32), out=outside)
+        outside &= rows >= (background - grid.threshold).astype(np.float32)
+        np.logical_not(outside, out=outside)
     else:
-        outside = rows != background.astype(np.float32)
-    outside = outside.reshape(values.shape)
-    return outside[..., 0] | outside[..., 1] | outside[..., 2] if grid.is_vector else outside
-
-
-def _check_finite(grid: Grid, layer: slice) -> None:
-    """Raises FieldError if a layer has a value that is not finite."""
-    bad = np.argwhere(~np.isfinite(grid.values[layer]))
-    if len(bad):
-        i, *others = bad[0].tolist()
-        index = (layer.start + i, *others)
-        raise FieldError(f"grid {grid.name!r}", f"values{list(index)}", grid.values[index], "finite numbers")
+        np.not_equal(rows, background.astype(np.float32), out=outside)
+    return room
 
 
 def _in_blocks(dense: np.ndarray, origin: tuple[int, int, int]) -> np.ndarray:
@@ -175,12 +171,15 @@ def _in_blocks(dense: np.ndarray, origin: tuple[int, int, int]) -> np.ndarray:
     return np.ascontiguousarray(dense).reshape(shape)
 
 
-def _grid_record(grid: Grid, position: int, zipped: bool, run: Callable) -> list[bytes]:
+def _grid_record(grid: Grid, position: int, zipped: bool, pool: ThreadPoolExecutor, threads: int) -> list[bytes]:
     """The bytes of a grid that starts at a position in the file, in pieces."""
-    leaves = _active_leaves(grid, run)
+    leaves = _active_leaves(grid)
     count = len(leaves.position)
-    tasks = [slice(first, first + LEAVES_PER_TASK) for first in range(0, count, LEAVES_PER_TASK)]
-    buffers = list(run(lambda chosen: _leaf_buffers(leaves, chosen, grid.half, zipped), tasks))
+    fewest, most = LEAVES_PER_TASK
+    size = min(max(ceil(count / threads), fewest), most)
+    tasks = [slice(first, first + size) for first in range(0, count, size)]
+    run = pool.map if threads > 1 and len(tasks) > 1 else map
+    buffers = list(run(partial(_leaf_buffers, grid, leaves, zipped), tasks))
     tree_type = (VECTOR_TREE if grid.is_vector else SCALAR_TREE) + (HALF_SUFFIX if grid.half else "")
     descriptor = _string(grid.name) + _string(tree_type) + _string("")
     content = b"".join(
@@ -264,10 +263,14 @@ def _node_masks(children: np.ndarray, size: int) -> bytes:
     return np.packbits(bits, bitorder="little").tobytes() + bytes(size**3 // 8)
 
 
-def _leaf_buffers(leaves: _Leaves, chosen: slice, half: bool, zipped: bool) -> bytes:
+def _leaf_buffers(grid: Grid, leaves: _Leaves, zipped: bool, chosen: slice) -> bytes:
     """Buffers of some leaves: mask, a zero byte, then the active values with (zipped) or without their length."""
     values = leaves.active_values(chosen)
-    values = _to_half(values) if half else values.astype("<f4", copy=False)
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = values.sum()
+    if not np.isfinite(total):  # finite values can have an infinite sum, others never a finite one
+        _check_finite(grid, leaves, chosen)
+    values = _to_half(values) if grid.half else values.astype("<f4", copy=False)
     masks = leaves.masks[chosen]
     counts = np.count_nonzero(masks, axis=1) * (values.size // len(values))
     heads = np.zeros((len(masks), 65 + 8 * zipped), np.uint8)
@@ -280,6 +283,17 @@ def _leaf_buffers(leaves: _Leaves, chosen: slice, half: bool, zipped: bool) -> b
     else:
         payloads = np.split(values, np.cumsum(np.count_nonzero(masks, axis=1))[:-1])
     return b"".join(chain.from_iterable(zip(heads, payloads, strict=True)))
+
+
+def _check_finite(grid: Grid, leaves: _Leaves, chosen: slice) -> None:
+    """Raises FieldError if some leaves have an active value that is not finite."""
+    leaf, voxel = leaves.masks[chosen].nonzero()
+    position = leaves.position[chosen][leaf] * LEAF + np.stack(np.unravel_index(voxel, (LEAF,) * 3), axis=-1)
+    bad = np.argwhere(~np.isfinite(leaves.active_values(chosen)))
+    if len(bad):
+        number, *component = bad[0].tolist()
+        value = grid.values[(*(position[number] - grid.origin), *component)]
+        raise FieldError(f"grid {grid.name!r}", f"voxel {position[number].tolist()}", value, "finite numbers")
 
 
 def _to_half(values: np.ndarray) -> np.ndarray:
