@@ -165,7 +165,7 @@ ALLOWED = {
         "friction": shares,
     },
     ws.Receiver: {
-        "bake": st.lists(st.sampled_from(BAKES), max_size=5),
+        "bake": st.lists(st.sampled_from(BAKES), max_size=len(BAKES)),
         "texture_size": st.integers(1, 9),
         "texture_bits": st.sampled_from((8, 16)),
         "receive_smoke": switches,

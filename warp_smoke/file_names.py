@@ -12,6 +12,7 @@ class FileNames:
     def __init__(self, plan: Plan):
         self._stems = file_stems([each.domain.path for each in plan.domains])
         self._stems |= file_stems([each.surface.path for each in plan.receivers])
+        self._lights = file_stems([light.path for light in plan.scene.lights])
         materials = file_stems([material.path for material in computed_materials(plan.scene)])
         self._procedurals = {path: f"textures/{stem}.procedural.png" for path, stem in materials.items()}
 
@@ -23,6 +24,14 @@ class FileNames:
         """Where a bake's values at points wait for the stage, hidden; and its picture."""
         name = f"{self._stems[each.surface.path]}.{bake}" + f".{number:04d}" * (each.bakes[bake] == When.FRAME)
         return f"textures/.{name}.npy", f"textures/{name}.png"
+
+    def light(self, path: str) -> str:
+        """The name that a light's shadow map goes by."""
+        return self._lights[path]
+
+    def depth_map(self, path: str, when: When, number: int) -> str:
+        """The picture of a light's shadow map."""
+        return f"textures/{self._lights[path]}.depth" + f".{number:04d}" * (when == When.FRAME) + ".png"
 
     def procedurals(self) -> dict[str, str]:
         """The pictures that materials ask to be computed, by the material's path."""

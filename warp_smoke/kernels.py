@@ -86,6 +86,8 @@ def kernel_modules(plan: Plan) -> list[str]:
             if light.surface_shadow:
                 found.update(_SURFACE_SHADOW[light.surface_shadow])
             found.update(_smoke_modules(light))
+    for depth in plan.depths:
+        found.update(name for light in depth.lights for name in _SURFACE_SHADOW[light.surface_shadow])
     for volume in plan.volumes:
         found.add("shading.volume")
         for light in volume.lights:

@@ -38,11 +38,12 @@ class Lighting:
         self._maps, self._bakes, self._volumes = {}, {}, {}
         # One hierarchy of triangles for all lights that the same surfaces shadow.
         self._casters: dict[tuple[str, ...] | None, Casters] = {}
-        lit = (*plan.receivers, *plan.volumes)
+        lit = self._lit = (*plan.receivers, *plan.volumes, *plan.depths)
         if not lit:
             return
         corners = [swept_corners(each.surface, plan.scene.frames) for each in plan.receivers]
         corners += [box_corners(each.domain.lattice) for each in plan.volumes]
+        corners += [swept_corners(each.surface, plan.scene.frames) for each in plan.depths]
         everything = np.concatenate(corners)
         self.origin = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
 
@@ -127,9 +128,10 @@ class Lighting:
 
         Returns:
             Pixels of the pictures that changed, by receiver path and bake; float32 values at points where the
-            receiver's texture coordinates hold no picture.
+            receiver's texture coordinates hold no picture. A shadow map that is written is there by its light's path
+            and `depth`.
         """
-        if not self._plan.receivers and not self._plan.volumes:
+        if not self._lit:
             return {}
         if self._casters:
             with self._timings.measure("place_casters"):
@@ -143,7 +145,7 @@ class Lighting:
         with self._timings.measure("project_smoke"):
             for (_, domain, _), shadow in self._smoke.items():
                 shadow.update(densities[domain], time)
-        pictures = {}
+        pictures = self._draw_depth_maps()
         for each in self._plan.receivers:
             pictures |= self._update_receiver(each, time)
         self._baked = True
@@ -208,6 +210,14 @@ class Lighting:
         for smoke in each.smoke:
             shadow = self._smoke[each.light.path, smoke.domain.domain.path, smoke.method]
             shadow.transmittance(points, shares)
+
+    def _draw_depth_maps(self) -> dict[tuple[str, str], np.ndarray]:
+        """The shadow maps that are written, as far as they may have changed."""
+        due = [path for path, when in self._plan.depth_maps.items() if when == When.FRAME or not self._baked]
+        if not due:
+            return {}
+        with self._timings.measure("write_depth_map"):
+            return {(path, "depth"): self._maps[path].depth_picture() for path in due}
 
     def depth_pictures(self) -> dict[str, np.ndarray]:
         """The depth maps by path of light, uint8: a cross of six faces for a point light."""

@@ -11,18 +11,18 @@ from time import perf_counter
 import numpy as np
 
 from warp_smoke.checkpoint import Checkpoint
-from warp_smoke.file_names import FileNames, computed_materials, file_stems
+from warp_smoke.file_names import FileNames, computed_materials
 from warp_smoke.files import make_folders, remove_empty, remove_partial, replacing, sync, write_png, write_text
 from warp_smoke.fingerprint import digest
 from warp_smoke.output_folder import OutputFolder
-from warp_smoke.plan import DomainPlan, ReceiverPlan, When
+from warp_smoke.plan import DepthPlan, DomainPlan, LightPlan, ReceiverPlan, When
 from warp_smoke.record import FieldError
 from warp_smoke.report import environment, step_warnings
 from warp_smoke.scene import Procedural
 from warp_smoke.shading.procedural import make_picture
 from warp_smoke.simulation import Frame, Simulation, Smoke
 from warp_smoke.usd.export import result_files
-from warp_smoke.usd.material import BakeResult, VertexBakeResult
+from warp_smoke.usd.material import BakeResult, DepthMapResult, VertexBakeResult
 from warp_smoke.usd.volume import VolumeResult, write_volume
 from warp_smoke.usd.write import write_results
 
@@ -84,9 +84,10 @@ class Output:
         self._volumes: dict[str, dict[int, str]] = {each.domain.path: {} for each in self._plan.domains}
         # By receiver and bake: a file, or the values at the points of a receiver without a picture, for each frame.
         self._bakes: dict[tuple[str, str], dict[int, str | np.ndarray]] = {}
+        self._depth_maps: dict[str, dict[int, str]] = {path: {} for path in self._plan.depth_maps}  # by light
 
     def __enter__(self) -> "Output":
-        pictures = self._plan.receivers or self._names.procedurals()
+        pictures = self._plan.receivers or self._plan.depths or self._names.procedurals()
         inside = ["volumes"] * bool(self._plan.domains) + ["textures"] * bool(pictures)
         self._made = make_folders([self._folder / name for name in inside])
         for folder in (self._folder, self._folder / "volumes", self._folder / "textures"):
@@ -134,6 +135,10 @@ class Output:
                         here = (self._folder / values).exists()
                         found = np.load(self._folder / values) if here else f"./{self._there(picture)}"
                         self._bakes.setdefault((each.surface.path, bake), {})[number] = found
+            for path, when in self._plan.depth_maps.items():
+                if when == When.FRAME or number == self._plan.scene.start:
+                    file = self._names.depth_map(path, when, number)
+                    self._depth_maps[path][number] = f"./{self._there(file)}"
         seconds = before.report["seconds"]
         self._began -= seconds["frames"]
         for name, spent in seconds["passes"].items():
@@ -166,6 +171,11 @@ class Output:
                     else:
                         started.append(self._start(_write_values, values, pixels))
                     self._bakes.setdefault((each.surface.path, bake), {})[frame.number] = pixels
+        for path, when in self._plan.depth_maps.items():
+            if (path, "depth") in frame.pictures:
+                file = self._names.depth_map(path, when, frame.number)
+                self._depth_maps[path][frame.number] = f"./{file}"
+                started.append(self._start(write_png, file, frame.pictures[path, "depth"]))
         self._waiting.append(started)
         self._frames.append({"frame": frame.number, "domains": {path: asdict(s) for path, s in frame.steps.items()}})
         with self._simulation.timings.measure("wait_for_files"):
@@ -232,10 +242,14 @@ class Output:
             self._saves.pop(0).result()
 
     def write_depth_maps(self) -> None:
-        """Writes the shadow maps as they now stand, one grey picture a light: a cross of six faces for a cube map."""
-        pictures = self._simulation.depth_pictures()
-        for path, stem in file_stems(pictures).items():
-            write_png(self._folder / f"textures/{stem}.depth.png", pictures[path])
+        """Writes the shadow maps as they now stand, one grey picture a light: a cross of six faces for a cube map.
+
+        Those that a receiver's `depth` has had written already, since they never change, are left as they are.
+        """
+        last = self._plan.scene.end
+        for path, picture in self._simulation.depth_pictures().items():
+            if self._plan.depth_maps.get(path) != When.ONCE:
+                write_png(self._folder / self._names.depth_map(path, When.ONCE, last), picture)
 
     def finish(self, set_up: float) -> Result:
         """Writes the layers and the report once every other file is there.
@@ -272,6 +286,7 @@ class Output:
             for d in self._plan.domains
         ]
         bakes = [self._bake_result(each, bake, last) for each in self._plan.receivers for bake in each.bakes]
+        bakes += [self._depth_result(each, light, last) for each in self._plan.depths for light in each.lights]
         scene = scene if last == scene.end else replace(scene, end=last)
         pictures = {path: f"./{file}" for path, file in self._names.procedurals().items()}
         return write_results(self._folder, self._place.name, scene, volumes, bakes, pictures)
@@ -291,6 +306,12 @@ class Output:
         if isinstance(first, str):
             return BakeResult(surface=each.surface, bake=bake, files=made)
         return VertexBakeResult(surface=each.surface, bake=bake, values=made)
+
+    def _depth_result(self, each: DepthPlan, light: LightPlan, last: int) -> DepthMapResult:
+        path = light.light.path
+        made = _up_to(last, self._depth_maps[path])
+        files = made if light.when == When.FRAME else next(iter(made.values()))
+        return DepthMapResult(surface=each.surface, light=self._names.light(path), files=files)
 
     def _chosen(self) -> dict | None:
         return asdict(self._plan.chosen) if self._plan.chosen else None

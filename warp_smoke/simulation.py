@@ -45,7 +45,8 @@ class Frame(Record):
     Attributes:
         number: the frame (time code).
         smoke: fields by domain path.
-        pictures: pixels that changed, uint8 [h, w] or [h, w, 3], by receiver path and bake.
+        pictures: pixels that changed, uint8 [h, w] or [h, w, 3], by receiver path and bake; shadow maps by the light's
+            path and `depth`.
         steps: what the solver did, by domain path; empty at the first frame, which only emits.
     """
 

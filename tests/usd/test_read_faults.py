@@ -128,7 +128,7 @@ def test_what_is_not_supported_is_named_once(tmp_path, prims, warning):
         ),
         (
             f'def Mesh "F" ( apiSchemas = ["SmokeReceiverAPI"] ) {{ {QUAD} token[] smoke:bake = ["shadow"] }}',
-            "/World/F: smoke:bake is shadow; allowed: lit, irradiance, visibility, smokeShadow, normal",
+            "/World/F: smoke:bake is shadow; allowed: lit, irradiance, visibility, smokeShadow, normal, depth",
         ),
         (
             f'def Mesh "F" ( apiSchemas = ["SmokeReceiverAPI"] ) {{ {QUAD} int smoke:textureSize = -1 }}',

@@ -1,7 +1,7 @@
 """Which effects a scene calls for: the passes that its outputs need, in order, and why every other pass is left out."""
 
-from warp_smoke.plan.passes import DomainPlan, LeftOut, LightPlan, Pass, ReceiverPlan, When
+from warp_smoke.plan.passes import DepthPlan, DomainPlan, LeftOut, LightPlan, Pass, ReceiverPlan, When
 from warp_smoke.plan.plan import Plan
 from warp_smoke.plan.planner import make_plan
 
-__all__ = ["DomainPlan", "LeftOut", "LightPlan", "Pass", "Plan", "ReceiverPlan", "When", "make_plan"]
+__all__ = ["DepthPlan", "DomainPlan", "LeftOut", "LightPlan", "Pass", "Plan", "ReceiverPlan", "When", "make_plan"]

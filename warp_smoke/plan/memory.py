@@ -8,7 +8,7 @@ from PIL import Image
 
 from warp_smoke.fluid.eddies import place_eddies
 from warp_smoke.material import TEXTURES, Material
-from warp_smoke.plan.passes import DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan, VolumePlan
+from warp_smoke.plan.passes import DepthPlan, DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan, VolumePlan
 from warp_smoke.plan.reach import is_moving
 from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, DistantLight, Emitter, Light, Scene
 from warp_smoke.shadow.coverage import MASK_SIZE, TILE, tile_lists
@@ -44,6 +44,7 @@ def memory_estimate(
     domains: tuple[DomainPlan, ...],
     receivers: tuple[ReceiverPlan, ...],
     volumes: tuple[VolumePlan, ...] = (),
+    depths: tuple[DepthPlan, ...] = (),
 ) -> dict[str, int]:
     """Device memory by prim path: of a domain's solver, a receiver's bake and a light's maps and buffers [bytes].
 
@@ -56,7 +57,7 @@ def memory_estimate(
     for receiver in receivers:
         estimate[receiver.surface.path] = _receiver_bytes(receiver)
     linked = set()
-    for lit in (*receivers, *volumes):
+    for lit in (*receivers, *volumes, *depths):
         for each in lit.lights:
             known = maps.setdefault(each.light.path, {})
             if each.surface_shadow and each.light.shadowed_by not in linked:

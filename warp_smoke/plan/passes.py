@@ -31,6 +31,7 @@ PASS_NAMES = (
     "cool_temperature",
     "write_volume",
     "trace_shadow_map",
+    "write_depth_map",
     "surface_visibility",
     "shade_light",
     "project_smoke",
@@ -172,6 +173,14 @@ class VolumePlan:
     """The light inside one domain's smoke, and the lights that reach it."""
 
     domain: DomainPlan
+    lights: tuple[LightPlan, ...]
+
+
+@dataclass(frozen=True)
+class DepthPlan:
+    """The shadow maps that are written as pictures for one surface: those of these lights."""
+
+    surface: Surface
     lights: tuple[LightPlan, ...]
 
 

@@ -1,5 +1,6 @@
 """The plan of a scene: its passes, the memory that they need, and what is doubtful about it."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
 
@@ -11,7 +12,7 @@ from warp_smoke.plan.doubts import (
     small_emitters,
 )
 from warp_smoke.plan.host_memory import host_estimate
-from warp_smoke.plan.passes import DomainPlan, LeftOut, Pass, ReceiverPlan, VolumePlan
+from warp_smoke.plan.passes import DepthPlan, DomainPlan, LeftOut, Pass, ReceiverPlan, VolumePlan, When
 from warp_smoke.quality import Chosen
 from warp_smoke.scene import Scene
 
@@ -23,7 +24,7 @@ class Plan:
     Attributes:
         passes: in the order in which they run.
         left_out: what is not run.
-        domains, receivers, volumes: the same, as the executor reads it.
+        domains, receivers, volumes, depths: the same, as the executor reads it.
         bytes: estimate of device memory by prim path [bytes].
         chosen: settings that a quality preset, an error or a budget chose; None = all are the scene's.
     """
@@ -34,12 +35,18 @@ class Plan:
     domains: tuple[DomainPlan, ...]
     receivers: tuple[ReceiverPlan, ...]
     volumes: tuple[VolumePlan, ...]
+    depths: tuple[DepthPlan, ...]
     bytes: dict[str, int]
     chosen: Chosen | None = None
 
     @property
+    def depth_maps(self) -> dict[str, When]:
+        """The lights whose shadow maps are written as pictures, by path, and how often."""
+        return {light.light.path: light.when for each in self.depths for light in each.lights}
+
+    @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user marked for smoke or baking, and that makes none; idle or tiny emitters; doubtful meshes."""
+        """What the user asked for and does not get: smoke, bakes, maps; idle or tiny emitters; doubtful meshes."""
         marked = {each.path for each in self.scene.domains} | {each.path for each in self.scene.surfaces}
         missing = (
             f"{out.subjects[0]}: {out.why}"
@@ -54,7 +61,14 @@ class Plan:
             open_meshes(self.domains),
             dark_receivers(self.receivers, start),
         )
-        return (*missing, *chain(*doubts))
+        return (*missing, *self._missing_maps(), *chain(*doubts))
+
+    def _missing_maps(self) -> Iterator[str]:
+        """Receivers that bake `depth`, and lights that have no map for them."""
+        for out in self.left_out:
+            if out.name == "write_depth_map":
+                path, *receivers = out.subjects
+                yield f"{path}: no depth map{' of it for ' * bool(receivers)}{', '.join(receivers)}: {out.why}"
 
     @property
     def memory(self) -> str:
@@ -65,7 +79,7 @@ class Plan:
     @property
     def host_bytes(self) -> dict[str, int]:
         """Estimate of the host's memory beside the device's, by prim path [bytes]."""
-        return host_estimate(self.domains, self.receivers)
+        return host_estimate(self.domains, self.receivers, self.depths)
 
     def check_memory(self, available: int, device: str = "cpu") -> None:
         """Refuses a plan that is larger than the memory that is free.

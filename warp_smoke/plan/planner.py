@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from warp_smoke.plan.depth_maps import plan_depth_maps
 from warp_smoke.plan.fluid import plan_domain
 from warp_smoke.plan.memory import memory_estimate
 from warp_smoke.plan.passes import Ledger
@@ -34,7 +35,8 @@ def make_plan(scene: Scene | str | Path, stirred_by: str = "", *, quality: str |
     shadows = SurfaceShadows(ledger, scene)
     receivers = plan_receivers(ledger, scene, domains, shadows)
     volumes = plan_volumes(ledger, scene, domains, shadows)
-    shadows.note_faces_left_out()
-    estimate = memory_estimate(scene, domains, receivers, volumes)
+    depths = plan_depth_maps(ledger, scene, shadows)
+    shadows.note_maps()
+    estimate = memory_estimate(scene, domains, receivers, volumes, depths)
     left_out = tuple(ledger.left_out.values())
-    return Plan(scene, ledger.in_order(), left_out, domains, receivers, volumes, estimate, chosen)
+    return Plan(scene, ledger.in_order(), left_out, domains, receivers, volumes, depths, estimate, chosen)

@@ -3,8 +3,8 @@
 import numpy as np
 
 from warp_smoke.plan.passes import DomainPlan, Ledger, LightPlan, ReceiverPlan, SmokeShadowPlan, When
-from warp_smoke.plan.reach import box_corners, in_box, in_range, is_flat, is_moving, may_shadow, over, swept_corners
-from warp_smoke.plan.surface_shadow import SurfaceShadows, casters_between, casters_change
+from warp_smoke.plan.reach import box_corners, in_box, in_range, is_moving, may_shadow, over, swept_corners
+from warp_smoke.plan.surface_shadow import SurfaceShadows, casters_change, casters_on
 from warp_smoke.record import Samples
 from warp_smoke.scene import Light, Scene, Surface
 from warp_smoke.shadow.light_buffer import TOUCH, buffer_serves, light_times
@@ -17,25 +17,36 @@ DEFAULT_LAYER = 2
 def plan_receivers(
     ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...], shadows: SurfaceShadows
 ) -> tuple[ReceiverPlan, ...]:
-    """Plans every bake, and the lights and shadows that it needs."""
+    """Plans every bake of a surface's points, and the lights and shadows that it needs."""
     candidates = [surface for surface in scene.surfaces if surface.receiver is not None]
     if not candidates:
         ledger.omit("bake", (), "no mesh has SmokeReceiverAPI, so no light, shadow or texture is computed")
         return ()
-    lights = [light for light in scene.lights if _shines(ledger, scene, light)]
+    lights = lights_that_shine(ledger, scene)
     receivers = []
     for surface in candidates:
-        if not np.any(over(surface.visible, scene.frames)):
-            ledger.omit("bake", (surface.path,), "it is invisible at every frame")
-        elif not len(surface.mesh.triangles):
-            ledger.omit("bake", (surface.path,), "it has no triangles")
+        bakes = surface.receiver.surface_bakes
+        if why := why_unseen(scene, surface):
+            ledger.omit("bake", (surface.path,), why)
         elif not surface.receiver.bake:
             ledger.omit("bake", (surface.path,), "smoke:bake names no texture")
-        elif not lights and not any(scene.ambient) and "normal" not in surface.receiver.bake:
+        elif bakes and not lights and not any(scene.ambient) and "normal" not in bakes:
             ledger.omit("bake", (surface.path,), "no light shines on it")
-        else:
+        elif bakes:
             receivers.append(_Receiver(ledger, scene, surface, domains, shadows).plan(lights))
     return tuple(receivers)
+
+
+def why_unseen(scene: Scene, surface: Surface) -> str:
+    """Why nothing can be baked for a surface, whatever it asks for; empty if something can."""
+    if not np.any(over(surface.visible, scene.frames)):
+        return "it is invisible at every frame"
+    return "" if len(surface.mesh.triangles) else "it has no triangles"
+
+
+def lights_that_shine(ledger: Ledger, scene: Scene) -> list[Light]:
+    """The lights that are ever on; notes the others."""
+    return [light for light in scene.lights if _shines(ledger, scene, light)]
 
 
 def _shines(ledger: Ledger, scene: Scene, light: Light) -> bool:
@@ -76,7 +87,7 @@ class _Receiver:
         moves = is_moving(self.surface) or any(each.when == When.FRAME for each in reaching)
         smoky = any(each.smoke for each in reaching)
         kept = {}
-        for bake in self.surface.receiver.bake:
+        for bake in self.surface.receiver.surface_bakes:
             if bake == "visibility" and not any(each.surface_shadow for each in reaching):
                 self.ledger.omit("bake", (path, bake), "nothing casts a shadow on it")
             elif bake == "smokeShadow" and not smoky:
@@ -119,8 +130,7 @@ class _Receiver:
         elif not self.surface.receiver.receive_shadow:
             why = "smoke:receiveShadow is false"
         else:
-            casters = casters_between(self.scene, light, self.corners)
-            casters = [caster for caster in casters if caster is not self.surface or not is_flat(caster)]
+            casters = casters_on(self.scene, light, self.surface, self.corners)
             if casters:
                 return casters
             why = "nothing stands between the light and it"

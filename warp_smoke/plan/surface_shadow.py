@@ -1,11 +1,13 @@
 """Which surfaces may shadow what is lit, by which method, and which faces of a cube map nothing needs."""
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from warp_smoke.plan.passes import Ledger, When
-from warp_smoke.plan.reach import is_moving, may_shadow, over, swept_corners
+from warp_smoke.plan.reach import is_flat, is_moving, may_shadow, over, swept_corners
 from warp_smoke.record import Samples
-from warp_smoke.scene import DistantLight, Light, Scene, SpotLight, Surface
+from warp_smoke.scene import MAP_FILTERS, DistantLight, Light, Scene, SpotLight, Surface
 from warp_smoke.shadow.coverage import FACE_NAMES, WIDEST_CONE, cube_rectangles
 
 
@@ -21,6 +23,12 @@ def casters_between(scene: Scene, light: Light, corners: np.ndarray) -> list[Sur
     ]
 
 
+def casters_on(scene: Scene, light: Light, surface: Surface, corners: np.ndarray) -> list[Surface]:
+    """The surfaces that may shadow a surface with these world corners [n, 3], itself only where it is not flat."""
+    casters = casters_between(scene, light, corners)
+    return [caster for caster in casters if caster is not surface or not is_flat(caster)]
+
+
 def casters_change(casters: list[Surface]) -> bool:
     """Whether the casters are not the same at every frame."""
     return any(is_moving(caster) or isinstance(caster.visible, Samples) for caster in casters)
@@ -33,12 +41,24 @@ def depth_map_of(light: Light) -> str:
     return "spot" if isinstance(light, SpotLight) and light.cone_angle <= WIDEST_CONE else "cube"
 
 
+@dataclass
+class _Map:
+    """A light's depth map: why and how often it is traced, and the corners of what casts and receives its shadows."""
+
+    light: Light
+    method: str
+    why: str
+    when: When = When.ONCE
+    casting: list[np.ndarray] = field(default_factory=list)
+    receiving: list[np.ndarray] = field(default_factory=list)
+
+
 class SurfaceShadows:
     """The shadows of surfaces, as receivers and smoke ask for them."""
 
     def __init__(self, ledger: Ledger, scene: Scene):
         self._ledger, self._scene = ledger, scene
-        self._cubes: dict[str, tuple[Light, list[np.ndarray], list[np.ndarray]]] = {}
+        self._maps: dict[str, _Map] = {}
 
     def plan(self, light: Light, casters: list[Surface], path: str, corners: np.ndarray, when: When) -> str:
         """Notes the shadow of casters on what is at a path, and returns the method: a depth map's kind, or rays.
@@ -51,26 +71,43 @@ class SurfaceShadows:
             when: how often it is computed.
         """
         names = ", ".join(c.path for c in casters[:3]) + (f" and {len(casters) - 3} more" if len(casters) > 3 else "")
-        if light.shadow_filter in ("exact", "area"):
-            method = light.shadow_filter
-        else:
-            method = depth_map_of(light)
-            traced = When.FRAME if casters_change(casters) or is_moving(light) else When.ONCE
-            why = f"{names} may shadow {path}"
-            self._ledger.keep("trace_shadow_map", (light.path,), traced, "depth map", why, method)
-            if method == "cube":
-                _, casting, receiving = self._cubes.setdefault(light.path, (light, [], []))
-                casting += [swept_corners(caster, self._scene.frames) for caster in casters]
-                receiving.append(corners)
+        method = light.shadow_filter
+        if method in MAP_FILTERS:
+            method = self.trace(light, casters, corners, f"{names} may shadow {path}")
         why = f"{names} may stand between the light and it"
         self._ledger.keep("surface_visibility", (path, light.path), when, "share of light past surfaces", why, method)
         return method
 
-    def note_faces_left_out(self) -> None:
-        """Notes the cubes' faces over which no caster and receiver lie at any frame, for lights that stand still."""
-        for light, casting, receiving in self._cubes.values():
-            if is_moving(light):
-                continue
+    def trace(self, light: Light, casters: list[Surface], corners: np.ndarray, why: str) -> str:
+        """Asks for a light's depth map, and returns its kind.
+
+        Args:
+            light: whose map.
+            casters: what is seen in it.
+            corners: of the bounds of what looks it up, over all frames, world, [n, 3].
+            why: what it is for; of several reasons the first is told.
+        """
+        found = self._maps.setdefault(light.path, _Map(light, depth_map_of(light), why))
+        if casters_change(casters) or is_moving(light):
+            found.when = When.FRAME
+        found.casting += [swept_corners(caster, self._scene.frames) for caster in casters]
+        found.receiving.append(corners)
+        return found.method
+
+    def when_traced(self, light: Light) -> When:
+        """How often a light's map changes, by all that asked for it so far."""
+        return self._maps[light.path].when
+
+    def note_maps(self) -> None:
+        """Notes the maps that were asked for, and the faces of cubes that are left out."""
+        for path, each in self._maps.items():
+            self._ledger.keep("trace_shadow_map", (path,), each.when, "depth map", each.why, each.method)
+            if each.method == "cube":
+                self._note_faces_left_out(each.light, each.casting, each.receiving)
+
+    def _note_faces_left_out(self, light: Light, casting: list[np.ndarray], receiving: list[np.ndarray]) -> None:
+        """Notes a cube's faces over which no caster and receiver lie at any frame, for a light that stands still."""
+        if not is_moving(light):
             position = light.position_at(self._scene.start)
             casts, receives = (_faces_with(corners, position) for corners in (casting, receiving))
             for index in np.flatnonzero(~(casts & receives)):

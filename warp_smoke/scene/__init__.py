@@ -9,6 +9,7 @@ from warp_smoke.scene.arrays import ArrayCollider, ArrayEmitter
 from warp_smoke.scene.camera import Camera
 from warp_smoke.scene.light import (
     FALLOFF_MODELS,
+    MAP_FILTERS,
     MAX_DIFFUSION,
     SHADOW_FILTERS,
     SMOKE_COMPOSITINGS,
@@ -35,7 +36,7 @@ from warp_smoke.scene.smoke import (
     Emitter,
     SmokeDomain,
 )
-from warp_smoke.scene.surface import BAKES, MaterialSubset, Receiver, Surface
+from warp_smoke.scene.surface import BAKES, SURFACE_BAKES, MaterialSubset, Receiver, Surface
 
 __all__ = [
     "ADVECTION_SCHEMES",
@@ -45,6 +46,7 @@ __all__ = [
     "DIFFUSION_SOLVERS",
     "FALLOFF_MODELS",
     "GRIDS",
+    "MAP_FILTERS",
     "MAX_DIFFUSION",
     "MAX_RESOLUTION",
     "PRESSURE_SOLVERS",
@@ -55,6 +57,7 @@ __all__ = [
     "SMOKE_PROJECTIONS",
     "SMOKE_SHADOWS",
     "SOURCES",
+    "SURFACE_BAKES",
     "WRAP_MODES",
     "ArrayCollider",
     "ArrayEmitter",

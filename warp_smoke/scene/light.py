@@ -21,7 +21,8 @@ from warp_smoke.scene.prim import Prim
 from warp_smoke.scene.smoke import MAX_RESOLUTION
 
 FALLOFF_MODELS = ("inverseSquare", "linear", "polynomial")
-SHADOW_FILTERS = ("hard", "pcf_grid", "pcf_disk", "pcf_disk_view", "pcss", "exact", "area")
+MAP_FILTERS = ("hard", "pcf_grid", "pcf_disk", "pcf_disk_view", "pcss")
+SHADOW_FILTERS = (*MAP_FILTERS, "exact", "area")
 SMOKE_SHADOWS = ("march", "nearest", "bilinear", "gaussian", "footprint", "dpd", "ray_traced")
 SMOKE_DIFFUSERS = ("paper", "sweeps", "exact")
 SMOKE_PROJECTIONS = ("parallel", "rays")

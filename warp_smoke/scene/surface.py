@@ -10,7 +10,9 @@ from warp_smoke.record import FieldError, Record, Samples, flag, read_only, swit
 from warp_smoke.scene.prim import Prim
 from warp_smoke.uv_fit import UvFit, fit_unit_square
 
-BAKES = ("lit", "irradiance", "visibility", "smokeShadow", "normal")
+# What is baked for the points of a surface; `depth` is of the lights that shine on it.
+SURFACE_BAKES = ("lit", "irradiance", "visibility", "smokeShadow", "normal")
+BAKES = (*SURFACE_BAKES, "depth")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -18,7 +20,8 @@ class Receiver(Record):
     """What is baked for a surface (USD: `SmokeReceiverAPI`).
 
     Attributes:
-        bake: pictures, of `BAKES`.
+        bake: pictures, of `BAKES`: of the surface's points (`SURFACE_BAKES`), or `depth`, the shadow maps of the
+            lights that light it, which needs no texture coordinates.
         texture_size: texels along a side.
         receive_smoke, receive_shadow: whether shadows of smoke, and of surfaces, fall on it.
         given: names of the fields that the stage sets, which no quality preset changes; not part of equality.
@@ -40,6 +43,11 @@ class Receiver(Record):
         if self.texture_bits not in (8, 16):
             raise FieldError(self.path, "texture_bits", self.texture_bits, "8, 16")
         self._store("texture_size", whole(self.path, "texture_size", self.texture_size, 1, 16384))
+
+    @property
+    def surface_bakes(self) -> tuple[str, ...]:
+        """Its bakes that are of the surface's points."""
+        return tuple(bake for bake in self.bake if bake in SURFACE_BAKES)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

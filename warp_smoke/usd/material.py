@@ -7,7 +7,8 @@ stronger than descendants, because a direct binding in a variant would be weaker
 
 Every picture is also named on its receiver, `asset smokeBaked:<bake>`, where a script or a shader network finds it. It
 lies over the mesh's own texture coordinates, or, where these leave [0, 1], over `primvars:st_bake`, made of them. A
-mesh without UVs carries primvars instead: `smokeLit`, `smokeVisibility`, `smokeShadow` and so on.
+mesh without UVs carries primvars instead: `smokeLit`, `smokeVisibility`, `smokeShadow` and so on. Shadow maps, which
+lie over nothing, are named `smokeBaked:depth:<light>` on each receiver of a `depth` bake.
 """
 
 from collections.abc import Iterable, Mapping
@@ -17,7 +18,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from warp_smoke.record import FieldError, Record, one_of
-from warp_smoke.scene import BAKES, Surface
+from warp_smoke.scene import SURFACE_BAKES, Surface
 from warp_smoke.usd.prims import check_frames, editable, free_path, set_over_time, uv_primvar
 from warp_smoke.uv_fit import BAKE_UVS, UvFit
 
@@ -54,7 +55,7 @@ class BakeResult(Record):
     files: Mapping[int, str] | str
 
     def __post_init__(self):
-        one_of(self.surface.path, "bake", self.bake, BAKES)
+        one_of(self.surface.path, "bake", self.bake, SURFACE_BAKES)
         check_frames(self.surface.path, "files", self.files)
 
 
@@ -64,7 +65,7 @@ class VertexBakeResult(Record):
 
     Attributes:
         surface: the receiver.
-        bake: one of `scene.BAKES`.
+        bake: one of `scene.SURFACE_BAKES`.
         values: at each point, linear RGB [n, 3] for lit and irradiance, directions [n, 3] for normal, else shares [n];
             for each frame where they change.
     """
@@ -74,7 +75,7 @@ class VertexBakeResult(Record):
     values: Mapping[int, np.ndarray] | np.ndarray
 
     def __post_init__(self):
-        one_of(self.surface.path, "bake", self.bake, BAKES)
+        one_of(self.surface.path, "bake", self.bake, SURFACE_BAKES)
         check_frames(self.surface.path, "values", self.values)
         count = len(self.surface.mesh.points_at(0.0))
         shape = (count,) if VERTEX_PRIMVARS[self.bake][1] == _NUMBERS else (count, 3)
@@ -83,12 +84,32 @@ class VertexBakeResult(Record):
                 raise FieldError(self.surface.path, "values", f"of shape {values.shape}", f"{shape} for {self.bake}")
 
 
-def define_bakes(stage: Usd.Stage, bakes: Iterable[BakeResult | VertexBakeResult]) -> None:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DepthMapResult(Record):
+    """The pictures of a light's shadow map.
+
+    Attributes:
+        surface: a receiver that bakes `depth`, lit by the light.
+        light: its name among the lights of the scene.
+        files: as those of `BakeResult`.
+    """
+
+    surface: Surface
+    light: str
+    files: Mapping[int, str] | str
+
+    def __post_init__(self):
+        check_frames(self.surface.path, "files", self.files)
+
+
+def define_bakes(stage: Usd.Stage, bakes: Iterable[BakeResult | VertexBakeResult | DepthMapResult]) -> None:
     """Authors what was baked, and the looks that show it, in the stage's edit target."""
     for bake in bakes:
         receiver = editable(stage, bake.surface.path)
         if isinstance(bake, VertexBakeResult):
             _define_primvar(receiver, bake)
+        elif isinstance(bake, DepthMapResult):
+            _name_files(receiver, f"depth:{bake.light}", bake.files)
         else:
             _define_pictures(receiver, bake)
 
@@ -115,10 +136,14 @@ def _show(picture: UsdShade.Shader, uv: UsdShade.Shader, color_space: str, wrap:
     picture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(result)
 
 
+def _name_files(receiver: Usd.Prim, name: str, files: Mapping[int, str] | str) -> None:
+    """Names pictures on the receiver that they were made for."""
+    set_over_time(receiver.CreateAttribute(f"{BAKED_NAMESPACE}:{name}", Sdf.ValueTypeNames.Asset, True), files)
+
+
 def _define_pictures(receiver: Usd.Prim, bake: BakeResult) -> None:
     name = _define_uvs(receiver, bake.surface.bake_fit)
-    attribute = receiver.CreateAttribute(f"{BAKED_NAMESPACE}:{bake.bake}", Sdf.ValueTypeNames.Asset, True)
-    set_over_time(attribute, bake.files)
+    _name_files(receiver, bake.bake, bake.files)
     if bake.bake != "lit":
         return
     material = _define_emitter(receiver)

@@ -12,7 +12,7 @@ from warp_smoke.files import replacing
 from warp_smoke.scene import Scene
 from warp_smoke.usd.author import author_scene
 from warp_smoke.usd.find import RESULTS_SUFFIX
-from warp_smoke.usd.material import BakeResult, VertexBakeResult, define_bakes, define_procedural
+from warp_smoke.usd.material import BakeResult, DepthMapResult, VertexBakeResult, define_bakes, define_procedural
 from warp_smoke.usd.volume import VolumeResult, define_volume
 
 # What USD reads from a stage's root layer alone, so that it would be lost under a new one.
@@ -34,7 +34,7 @@ def write_results(
     name: str,
     scene: Scene,
     volumes: Iterable[VolumeResult] = (),
-    bakes: Iterable[BakeResult | VertexBakeResult] = (),
+    bakes: Iterable[BakeResult | VertexBakeResult | DepthMapResult] = (),
     procedurals: Mapping[str, str] | None = None,
 ) -> Path:
     """Writes the layers that join the files of a run to the user's stage.
@@ -48,7 +48,7 @@ def write_results(
         name: of the layers.
         scene: what was run.
         volumes: one for each domain.
-        bakes: one for each picture of a receiver.
+        bakes: one for each picture of a receiver, or shadow map for it.
         procedurals: by path of a material, its computed picture (`./textures/…`), which becomes its diffuse colour.
 
     Returns:
