@@ -46,9 +46,9 @@ def test_baked_picture_is_the_right_way_up_and_unchanged(open_plotter):
 
 @pytest.mark.parametrize("stops", [0.0, 1.0])
 def test_pictures_of_16_bits_and_with_alpha(open_plotter, stops):
-    """They are drawn as those of 8 bits without alpha, whatever the exposure."""
+    """They are drawn as those of 8 bits without alpha, whatever the exposure, where alpha hides all."""
     pixels = np.kron(CORNERS, np.ones((16, 16, 1), np.uint8))
-    opaque = np.dstack([pixels, np.full(pixels.shape[:2], 90, np.uint8)])
+    opaque = np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)])
     surface = ws.Surface(path="/Square", mesh=SQUARE)
     seen = [
         _draw(open_plotter, surface, show=lambda actor, each=each: actor.show_picture(each, stops))

@@ -6,12 +6,14 @@ import numpy as np
 import pyvista as pv
 
 from warp_smoke.preview.color import expose_codes, linear_to_srgb, to_bytes
+from warp_smoke.preview.opacity import lie_alike, plain_opacity, read_opacity, with_alpha
 from warp_smoke.record import value_at
 from warp_smoke.scene import Material, Procedural, Surface, Texture
 from warp_smoke.shading.procedural import make_picture
 from warp_smoke.shading.textures import Picture
 
 COMPUTED_SIZE = 1024  # at most, of computed pictures [texels]
+PLAIN = Texture(file="")  # lies over a surface as its coordinates say
 
 _WRAPS = {
     "repeat": pv.Texture.WrapType.REPEAT,
@@ -53,23 +55,40 @@ class SurfaceActor:
         if not self._changes_to(material, exposure):
             return
         self.actor.prop.lighting = True
+        self.actor.prop.opacity = plain_opacity(material)
         self.actor.mapper.scalar_visibility = False
         self.actor.texture = None
-        diffuse, uvs = np.asarray(material.diffuse_color), self.surface.mesh.uvs
-        if uvs is not None and material.procedural is not None:
-            diffuse = np.ones(3)
-            self._lay_over(uvs)
-            self.actor.texture = _computed_texture(material.procedural)
-        elif uvs is not None and material.diffuse_texture is not None:
-            diffuse = np.ones(3)
-            self._lay_over(_laid_uvs(material.diffuse_texture, uvs))
-            self.actor.texture = _read_texture(material.diffuse_texture)
+        has_picture = self.surface.mesh.uvs is not None and self._lay_picture(material)
+        diffuse = np.ones(3) if has_picture else np.asarray(material.diffuse_color)
         self.actor.prop.SetDiffuseColor(*diffuse)
         self.actor.prop.SetAmbientColor(*(2.0**exposure * (diffuse * ambient + material.emissive_color)))
         self.actor.prop.ambient = self.actor.prop.diffuse = 1.0
         self.actor.prop.specular = 0.0
         self.actor.GetShaderProperty().ClearAllFragmentShaderReplacements()
         self.actor.GetShaderProperty().AddFragmentShaderReplacement("//VTK::TCoord::Impl", True, _ENCODE_SRGB, False)
+
+    def _lay_picture(self, material: Material) -> bool:
+        """Lays a material's picture over the mesh, with its opacity for alpha; says whether it has colours."""
+        color, opacity = material.diffuse_texture, material.opacity_texture
+        place, pixels = color or opacity, None
+        if material.procedural is not None:
+            place, pixels = PLAIN, _compute_picture(material.procedural)
+        elif color is not None:
+            pixels = _read_picture(color)
+        has_colors = pixels is not None
+        if opacity is not None:
+            shares = read_opacity(material)
+            if lie_alike(opacity, place):
+                white = np.full((*shares.shape, 3), 255, np.uint8)
+                pixels = with_alpha(pixels if has_colors else white, shares)
+                self.actor.prop.opacity = 1.0
+            else:  # VTK lays all of a texture in one way
+                self.actor.prop.opacity = float(shares.mean())
+        if pixels is not None:
+            self._lay_over(_laid_uvs(place, self.surface.mesh.uvs))
+            self.actor.texture = make_texture(pixels, place.wrap_s)
+            self.actor.texture.UseSRGBColorSpaceOn()  # VTK decodes it to linear light as it draws
+        return has_colors
 
     def place(self, time: float) -> None:
         """Puts the mesh where it is at a time code."""
@@ -83,16 +102,19 @@ class SurfaceActor:
                 self._poly.point_data.active_normals = mesh.normals_at(time).reshape(-1, 3)
 
     def show_picture(self, pixels: np.ndarray, exposure: float = 0.0) -> None:
-        """Draws a baked picture as it is: [h, w, 3 or 4] sRGB of 8 or 16 bits, top row first; opaque."""
+        """Draws a baked picture as it is: [h, w, 3] sRGB of 8 or 16 bits, or [h, w, 4] with opacity; top row first."""
         if self._changes_to(pixels, exposure):
             self._unlight()
             self._lay_over(self.surface.bake_uvs)
-            self.actor.texture = make_texture(expose_codes(to_bytes(pixels[..., :3]), exposure), "clamp")
+            self.actor.prop.opacity = 1.0
+            colors, alpha = np.split(to_bytes(pixels), [3], axis=2)
+            self.actor.texture = make_texture(np.dstack([expose_codes(colors, exposure), alpha]), "clamp")
 
     def show_colors(self, colors: np.ndarray, exposure: float = 0.0) -> None:
         """Draws baked colours as they are: linear RGB at each point of the mesh, [n, 3]."""
         if self._changes_to(colors, exposure):
             self._unlight()
+            self.actor.prop.opacity = plain_opacity(self.surface.material or Material())
             self.actor.texture = None
             corners = linear_to_srgb(2.0**exposure * colors)[self.surface.mesh.triangles].reshape(-1, 3)
             self._poly.point_data.set_array(corners, "baked")
@@ -119,7 +141,7 @@ class SurfaceActor:
 
 
 def make_texture(pixels: np.ndarray, wrap: str) -> pv.Texture:
-    """A texture from [h, w, 3] uint8, top row first."""
+    """A texture from [h, w, 3 or 4] uint8, top row first."""
     texture = pv.Texture(np.ascontiguousarray(pixels))
     texture.wrap = _WRAPS[wrap]
     texture.interpolate = True
@@ -127,23 +149,16 @@ def make_texture(pixels: np.ndarray, wrap: str) -> pv.Texture:
     return texture
 
 
-def _read_texture(source: Texture) -> pv.Texture:
-    """A diffuse texture from a file, which VTK decodes to linear light as it draws.
-
-    Its wrap mode along s holds for both directions, since VTK has one for both.
-    """
+def _read_picture(source: Texture) -> np.ndarray:
+    """Colours of a texture, sRGB [h, w, 3] uint8. Its wrap mode along s will hold along t too: VTK has one for both."""
     picture = Picture.read(source.file, source.color_space)
     values = picture.levels[np.broadcast_to(picture.codes, (*picture.codes.shape[:2], 3))]
-    texture = make_texture(linear_to_srgb(values * source.scale[:3] + source.bias[:3]), source.wrap_s)
-    texture.UseSRGBColorSpaceOn()
-    return texture
+    return linear_to_srgb(values * source.scale[:3] + source.bias[:3])
 
 
-def _computed_texture(procedural: Procedural) -> pv.Texture:
-    """A computed picture, likewise, of no more texels than a screen shows."""
-    texture = make_texture(make_picture(replace(procedural, size=min(procedural.size, COMPUTED_SIZE))).codes, "repeat")
-    texture.UseSRGBColorSpaceOn()
-    return texture
+def _compute_picture(procedural: Procedural) -> np.ndarray:
+    """Colours of a computed picture, likewise, of no more texels than a screen shows."""
+    return make_picture(replace(procedural, size=min(procedural.size, COMPUTED_SIZE))).codes
 
 
 def _laid_uvs(texture: Texture, uvs: np.ndarray) -> np.ndarray:
