@@ -76,6 +76,25 @@ def turned_facet(mesh: wp.uint64, table: TriangleTable, i: int, turned: float):
     )
 
 
+@wp.func
+def _first_hit(
+    mesh: wp.uint64, looks: Looks, table: TriangleTable, eye: wp.vec3, direction: wp.vec3, start: float, end: float
+):
+    """What a ray from the eye meets first between two distances where there is no hole, its distance and opacity."""
+    begin = start
+    opacity = wp.float32(0.0)
+    query = wp.mesh_query_ray(mesh, eye + begin * direction, direction, end - begin)
+    holes = wp.int32(0)
+    while query.result and holes < _MOST_HOLES:
+        opacity = hit_opacity(looks, table, query.face, corner_weights(query))
+        if opacity > 0.0:
+            break
+        begin = (begin + query.t) * (1.0 + _ONWARD)
+        query = wp.mesh_query_ray(mesh, eye + begin * direction, direction, end - begin)
+        holes += 1
+    return query, begin + query.t, opacity
+
+
 @wp.kernel
 def _cast_rays(
     rows: Rows,
@@ -107,23 +126,11 @@ def _cast_rays(
         hits_out.distance[p] = 0.0
         return
     start = wp.max(view.near * lengthening, passed[p] * (1.0 + _ONWARD))
-    opacity = wp.float32(0.0)
-    query = wp.mesh_query_ray(mesh, view.eye + start * direction, direction, end - start)
-    holes = wp.int32(0)
-    while query.result and holes < _MOST_HOLES:
-        opacity = hit_opacity(looks, table, query.face, corner_weights(query))
-        if opacity > 0.0:
-            break
-        start = (start + query.t) * (1.0 + _ONWARD)
-        query = wp.mesh_query_ray(mesh, view.eye + start * direction, direction, end - start)
-        holes += 1
+    query, distance, opacity = _first_hit(mesh, looks, table, view.eye, direction, start, end)
     if query.result:
         i = query.face
         w = corner_weights(query)
-        w0 = w[0]
-        w1 = w[1]
-        w2 = w[2]
-        n = wp.normalize(w0 * table.normals[i, 0] + w1 * table.normals[i, 1] + w2 * table.normals[i, 2])
+        n = wp.normalize(w[0] * table.normals[i, 0] + w[1] * table.normals[i, 1] + w[2] * table.normals[i, 2])
         face = query.normal
         if wp.length(n) < 0.5:
             n = wp.normalize(face)
@@ -132,8 +139,8 @@ def _cast_rays(
             n = -n
             turned = -1.0
         hits_out.triangle[p] = i
-        hits_out.weights[p] = wp.vec2(w1, w2)
-        hits_out.distance[p] = start + query.t
+        hits_out.weights[p] = wp.vec2(w[1], w[2])
+        hits_out.distance[p] = distance
         if hits_out.opacity.shape[0] > p:
             hits_out.opacity[p] = opacity
         position = wp.mesh_eval_position(mesh, i, query.u, query.v)
@@ -142,9 +149,9 @@ def _cast_rays(
         points_out.normals[p] = n
         points_out.material[p] = table.material[i]
         if points_out.uvs.shape[0] > p:
-            points_out.uvs[p] = w0 * table.uvs[i, 0] + w1 * table.uvs[i, 1] + w2 * table.uvs[i, 2]
+            points_out.uvs[p] = w[0] * table.uvs[i, 0] + w[1] * table.uvs[i, 1] + w[2] * table.uvs[i, 2]
         if points_out.tangents.shape[0] > p and table.tangents.shape[0] > i:
-            t = w0 * table.tangents[i, 0] + w1 * table.tangents[i, 1] + w2 * table.tangents[i, 2]
+            t = w[0] * table.tangents[i, 0] + w[1] * table.tangents[i, 1] + w[2] * table.tangents[i, 2]
             points_out.tangents[p] = wp.vec4(t[0], t[1], t[2], turned * t[3])
 
 
