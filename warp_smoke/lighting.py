@@ -67,7 +67,7 @@ class Lighting:
 
     def _casters_of(self, light: Light) -> Casters:
         if light.shadowed_by not in self._casters:
-            surfaces = tuple(s for s in self._plan.scene.surfaces if light.may_be_shadowed_by(s.path))
+            surfaces = self._plan.scene.shadowing(light)
             self._casters[light.shadowed_by] = Casters(self._launcher, surfaces, self.origin)
         return self._casters[light.shadowed_by]
 

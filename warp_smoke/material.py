@@ -181,6 +181,11 @@ class Material(Record):
         return self.is_see_through and self.opacity_threshold == 0.0
 
     @property
+    def casts_shadow(self) -> bool:
+        """Whether it stops light: all of it, or none if it hides less than half. What a texture hides counts as all."""
+        return self.opacity_texture is not None or self.opacity >= (self.opacity_threshold or 0.5)
+
+    @property
     def needs_tangents(self) -> bool:
         """Whether it has directions in tangent space."""
         return self.normal_texture is not None or self.has_relief

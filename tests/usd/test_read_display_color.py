@@ -91,6 +91,8 @@ def test_opacity(tmp_path):
     """A constant opacity is the material's, also without a colour; its shadow is told of."""
     surface, warnings = read(tmp_path, QUAD + "float[] primvars:displayOpacity = [0.25]")
     assert surface.material == Material(path="/World/A_displayColor", opacity=0.25)
+    assert warnings == ("/World/A: primvars:displayOpacity: it casts no shadow, since it hides less than half",)
+    surface, warnings = read(tmp_path, QUAD + "float[] primvars:displayOpacity = [0.75]")
     assert warnings == ("/World/A: primvars:displayOpacity: its shadow is that of an opaque surface",)
     surface, warnings = read(tmp_path, QUAD + "float[] primvars:displayOpacity = [1]\n" + colors(RED))
     assert (surface.material.opacity, warnings) == (1.0, ())

@@ -37,6 +37,12 @@ def test_a_binding_to_nothing_is_warned_of(tmp_path):
             ("float inputs:opacity = 0.5",),
             "/World/M/S: inputs:opacity: its shadow is that of an opaque surface",
         ),
+        (
+            ("float inputs:opacity = 0.4",),
+            "/World/M/S: inputs:opacity: it casts no shadow, since it hides less than half",
+        ),
+        (("float inputs:opacity = 0.4\nfloat inputs:opacityThreshold = 0.3",), None),
+        (("float inputs:opacity = 0",), None),
         (("normal3f inputs:normal = (0, 0, 1)\nfloat inputs:opacity = 1",), None),
         (
             ("float inputs:ior.connect = </World/M/T.outputs:r>", texture("")[1]),

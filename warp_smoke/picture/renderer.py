@@ -13,7 +13,7 @@ from warp_smoke.picture.smoke import scattering_smoke
 from warp_smoke.picture.smoke_volume import SmokeVolume
 from warp_smoke.picture.tile import CornerLight, PlacedSet, Tile
 from warp_smoke.record import FieldError, value_at
-from warp_smoke.scene import Scene
+from warp_smoke.scene import Scene, Surface
 from warp_smoke.shading.looks import make_looks
 from warp_smoke.shading.radiance import shade_light
 from warp_smoke.shading.srgb import make_srgb_table
@@ -97,11 +97,11 @@ class PictureRenderer:
     def _place(self, volumes: Sequence[SmokeVolume], origin: np.ndarray, time: float) -> PlacedSet:
         """The set at a time code, with the light of its smoke and, where it is asked for, of its corners."""
         scene, launcher = self._scene, self._launcher
-        casters = self._place_casters(origin, time)
-        order = casters[None].surface_of_triangle
+        seen, casters = self._place_casters(origin, time)
+        order = seen.surface_of_triangle
         table = triangle_table(launcher, scene.surfaces, order, self._dressing, origin, time)
         lights = [
-            PictureLight(launcher, light, scene.surfaces, casters[light.shadowed_by], volumes, origin, time)
+            PictureLight(launcher, light, scene.surfaces, casters[light.path], volumes, origin, time)
             for light in scene.lights
             if light.shines and value_at(light.enabled, time)
         ]
@@ -110,18 +110,22 @@ class PictureRenderer:
         smoky = [each for each in far_first if each.domain.extinction and each.density.any()]
         smokes = [scattering_smoke(launcher, each, lights, scene.ambient, origin, time) for each in smoky]
         place = wp.vec4(*(eye - origin), 1.0)
-        corners = self._shade_corners(casters[None], table, lights, place) if self._shading == "vertex" else None
+        corners = self._shade_corners(seen, table, lights, place) if self._shading == "vertex" else None
         ambient = wp.vec3(*scene.ambient)
-        return PlacedSet(casters[None].mesh, table, self._looks, lights, smokes, corners, place, ambient)
+        return PlacedSet(seen.mesh, table, self._looks, lights, smokes, corners, place, ambient)
 
-    def _place_casters(self, origin: np.ndarray, time: float) -> dict[frozenset | None, Casters]:
-        """The triangles that rays meet: all visible ones, and for light linking those that shadow a light."""
-        found = {}
-        for linked in {None, *(light.shadowed_by for light in self._scene.lights)}:
-            surfaces = tuple(s for s in self._scene.surfaces if linked is None or s.path in linked)
-            found[linked] = Casters(self._launcher, surfaces, origin)
-            found[linked].update(time)
-        return found
+    def _place_casters(self, origin: np.ndarray, time: float) -> tuple[Casters, dict[str, Casters]]:
+        """The triangles that lines of sight meet: all visible ones; and for each light those that shadow it."""
+        scene, placed = self._scene, {}
+
+        def place(surfaces: Sequence[Surface]) -> Casters:
+            paths = tuple(surface.path for surface in surfaces)
+            if paths not in placed:
+                placed[paths] = Casters(self._launcher, surfaces, origin)
+                placed[paths].update(time)
+            return placed[paths]
+
+        return place(scene.surfaces), {light.path: place(scene.shadowing(light)) for light in scene.lights}
 
     def _shade_corners(
         self, casters: Casters, table: TriangleTable, lights: Sequence[PictureLight], eye: wp.vec4

@@ -163,7 +163,7 @@ def _light_grid_bytes(plan: VolumePlan) -> int:
 
 def _triangles(scene: Scene, light: Light) -> int:
     """Those that may shadow the light."""
-    return sum(len(each.mesh.triangles) for each in scene.surfaces if light.may_be_shadowed_by(each.path))
+    return sum(len(each.mesh.triangles) for each in scene.shadowing(light))
 
 
 def _light_bytes(scene: Scene, plan: LightPlan) -> dict[str, int]:

@@ -16,10 +16,8 @@ def casters_between(scene: Scene, light: Light, corners: np.ndarray) -> list[Sur
     frames = scene.frames
     return [
         surface
-        for surface in scene.surfaces
-        if light.may_be_shadowed_by(surface.path)
-        and np.any(over(surface.visible, frames))
-        and may_shadow(light, swept_corners(surface, frames), corners, frames)
+        for surface in scene.shadowing(light)
+        if np.any(over(surface.visible, frames)) and may_shadow(light, swept_corners(surface, frames), corners, frames)
     ]
 
 

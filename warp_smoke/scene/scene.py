@@ -78,6 +78,10 @@ class Scene(Record):
         """The frames that are simulated."""
         return range(self.start, self.end + 1)
 
+    def shadowing(self, light: Light) -> tuple[Surface, ...]:
+        """The surfaces that may shadow a light, as its linking and their materials have it."""
+        return tuple(s for s in self.surfaces if s.casts_shadow and light.may_be_shadowed_by(s.path))
+
     @staticmethod
     def open(path: str | Path) -> "Scene":
         """Reads a USD stage; see `warp_smoke.usd.read`."""

@@ -125,6 +125,11 @@ class Surface(Prim):
         return tuple(material or Material() for material in (self.material, *(each.material for each in self.subsets)))
 
     @property
+    def casts_shadow(self) -> bool:
+        """Whether it stops light: if any of its materials does."""
+        return any(material.casts_shadow for material in self.materials)
+
+    @property
     def pieces(self) -> tuple["Surface", ...]:
         """The triangles of each material that some have as a surface of their own, without subsets or receiver."""
         index, plain = self.material_of_triangle, {"subsets": (), "receiver": None}

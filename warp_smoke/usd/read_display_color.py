@@ -35,8 +35,6 @@ def read_display_color(
         return None, ()
     colors = np.array([Material().diffuse_color]) if colors is None else colors
     opacities = np.ones((1, 1)) if opacities is None else opacities
-    if opacities.min() < 1.0:
-        reader.warn(prim, "primvars:displayOpacity: its shadow is that of an opaque surface")
     count = max(len(colors), len(opacities))
     every = np.hstack([np.broadcast_to(values, (count, values.shape[1])) for values in (colors, opacities)])
     looks, look_of_face, faces_of_look = np.unique(every, axis=0, return_inverse=True, return_counts=True)
@@ -48,6 +46,8 @@ def read_display_color(
         )
         for n, look in enumerate(looks)
     ]
+    for material in materials:
+        warn_of_shadow(reader, prim, "primvars:displayOpacity", material)
     most = int(np.argmax(faces_of_look))
     if len(looks) == 1:
         return materials[most], ()
@@ -63,6 +63,14 @@ def read_display_color(
         if n != most
     )
     return materials[most], tuple(subsets)
+
+
+def warn_of_shadow(reader: StageReader, prim: Usd.Prim, name: str, material: Material) -> None:
+    """Tells that the shadow of a see-through surface is all or nothing, where its opacity is between."""
+    if material.opacity_texture is not None or (material.is_blended and material.casts_shadow):
+        reader.warn(prim, f"{name}: its shadow is that of an opaque surface")
+    elif material.is_blended and material.opacity > 0.0:
+        reader.warn(prim, f"{name}: it casts no shadow, since it hides less than half")
 
 
 def warn_of_instances_colors(reader: StageReader, instancer: Usd.Prim) -> None:

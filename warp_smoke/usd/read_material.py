@@ -11,7 +11,7 @@ from warp_smoke.geometry import Mesh
 from warp_smoke.record import finite, positive
 from warp_smoke.scene import Material, MaterialSubset, Procedural, Texture
 from warp_smoke.usd.names import MATERIAL, PROCEDURAL, TEXTURE, TRANSFORM_2D, smoke_attribute
-from warp_smoke.usd.read_display_color import read_display_color
+from warp_smoke.usd.read_display_color import read_display_color, warn_of_shadow
 from warp_smoke.usd.reader import StageReader, shortest_decimal
 from warp_smoke.usd.schema import schema_attributes
 
@@ -137,13 +137,11 @@ class MaterialReader:
                     surface.GetPrim(), f"inputs:{name} without a texture is not supported; it has no effect"
                 )
         self._check_normal_map(surface, textures["normal_texture"])
-        if values["opacity"] < 1.0 or textures["opacity_texture"] is not None:
-            self._reader.warn(surface.GetPrim(), "inputs:opacity: its shadow is that of an opaque surface")
         smoke = self._read_smoke_fields(material.GetPrim())
         values |= _reflectance(values, textures, "procedural" in smoke)
         names = MATERIAL | {field: smoke_attribute(field) for field in smoke}
         with self._reader.naming(surface.GetPath(), names):
-            return Material(
+            read = Material(
                 path=str(material.GetPath()),
                 diffuse_color=values["diffuseColor"],
                 fresnel_r0=values["specularColor"],
@@ -156,6 +154,8 @@ class MaterialReader:
                 **textures,
                 **smoke,
             )
+        warn_of_shadow(self._reader, surface.GetPrim(), "inputs:opacity", read)
+        return read
 
     def _read_smoke_fields(self, prim: Usd.Prim) -> dict[str, object]:
         """The fields that `SmokeMaterialAPI` fills."""
