@@ -18,7 +18,7 @@ _LEAST_COSINE = wp.constant(0.25)
 
 @wp.struct
 class Bias:
-    """Bias = max(constant, slope (1 − cos θ)) + what `spread` tan θ calls for (see `cube` and `directional`).
+    """Bias = max(constant, slope (1 − cos θ)) + what `spread` tan θ calls for (see `point_map` and `directional_map`).
 
     Attributes:
         constant, slope: [stage units].

@@ -36,6 +36,15 @@ class Taps:
     eye: wp.vec3
 
 
+@wp.func
+def square_to(direction: wp.vec3):
+    """A unit vector at right angles to a unit vector: the first axis of a disk that faces that way."""
+    side = wp.vec3(1.0, 0.0, 0.0)
+    if wp.abs(direction[0]) > 0.7:
+        side = wp.vec3(0.0, 1.0, 0.0)
+    return wp.normalize(wp.cross(side, direction))
+
+
 def grid_of_cube() -> np.ndarray:
     """4³ offsets to all sides, [64, 3]."""
     return np.array(list(product(np.linspace(-1.0, 1.0, 4), repeat=3)))

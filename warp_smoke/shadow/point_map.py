@@ -5,7 +5,7 @@ import warp as wp
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.shadow.bias import Bias, fixed_bias, plane_normal
 from warp_smoke.shadow.caster_mask import CasterMask, face_towards, may_be_shadowed
-from warp_smoke.shadow.filters import Taps
+from warp_smoke.shadow.filters import Taps, square_to
 from warp_smoke.shadow.umbra import deepest_within
 
 wp.set_module_options({"enable_backward": False})
@@ -117,6 +117,18 @@ def in_umbra(m: PointMap, c: wp.vec4, r: wp.vec3, normal: wp.vec3, reach: float)
     return found
 
 
+@wp.func
+def sum_of_taps(
+    m: PointMap, taps: Taps, face: int, r: wp.vec3, normal: wp.vec3, right: wp.vec3, up: wp.vec3, reach: float
+):
+    """The sum of `look_up` over the taps on a disk around r that lies along right and up and is 2 · reach wide."""
+    total = wp.vec3(0.0, 0.0, 0.0)
+    for k in range(taps.offsets.shape[0]):
+        o = reach * taps.offsets[k]
+        total += look_up(m, face, r, normal, r + o[0] * right + o[1] * up)
+    return total
+
+
 @wp.kernel
 def _filter_taps(
     rows: Rows,
@@ -183,27 +195,18 @@ def _filter_penumbra(
             r = m.frames[face] * r
             normal = m.frames[face] * normal
             toward = r / wp.max(d, 1.0e-30)
-            side = wp.vec3(1.0, 0.0, 0.0)
-            if wp.abs(toward[0]) > 0.7:
-                side = wp.vec3(0.0, 1.0, 0.0)
-            right = wp.normalize(wp.cross(side, toward))
+            right = square_to(toward)
             up = wp.cross(toward, right)
             smallest = taps.texels * texel
             reach = wp.clamp(light * (d - closest) / closest, smallest, d)
             if in_umbra(m, c, r, normal, reach):
                 visible = wp.float32(0.0)
             else:
-                total = wp.vec3(0.0, 0.0, 0.0)
-                for k in range(taps.offsets.shape[0]):
-                    o = reach * taps.offsets[k]
-                    total += look_up(m, face, r, normal, r + o[0] * right + o[1] * up)
-                if total[1] < total[0]:
-                    b = total[2] / (total[0] - total[1])
+                found = sum_of_taps(m, taps, face, r, normal, right, up, reach)
+                if found[1] < found[0]:
+                    b = found[2] / (found[0] - found[1])
                     width = wp.clamp(light * (d - b) / wp.max(b, 1.0e-30), smallest, d)
-                    filtered = wp.vec3(0.0, 0.0, 0.0)
-                    for k in range(taps.offsets.shape[0]):
-                        o = width * taps.offsets[k]
-                        filtered += look_up(m, face, r, normal, r + o[0] * right + o[1] * up)
+                    filtered = sum_of_taps(m, taps, face, r, normal, right, up, width)
                     visible = filtered[1] / wp.max(filtered[0], 1.0)
     visibility_out[n] = visible
 

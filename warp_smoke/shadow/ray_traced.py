@@ -12,7 +12,7 @@ from warp_smoke.shadow import coverage
 from warp_smoke.shadow.bias import round_off
 from warp_smoke.shadow.caster_mask import CasterMask, CasterTiles, may_be_shadowed
 from warp_smoke.shadow.casters import Casters
-from warp_smoke.shadow.filters import spiral
+from warp_smoke.shadow.filters import spiral, square_to
 
 wp.set_module_options({"enable_backward": False})
 
@@ -73,10 +73,7 @@ def _trace_disks(
     ray = wp.vec3(light[0], light[1], light[2]) - light[3] * start
     d = wp.length(ray)
     axis = ray / wp.max(d, 1.0e-30)
-    side = wp.vec3(1.0, 0.0, 0.0)
-    if wp.abs(axis[0]) > 0.7:
-        side = wp.vec3(0.0, 1.0, 0.0)
-    right = wp.normalize(wp.cross(side, axis))
+    right = square_to(axis)
     up = wp.cross(axis, right)
     sine = wp.min(radius / wp.max(d, 1.0e-30), _WIDEST_SINE)
     width = d * sine / wp.sqrt(1.0 - sine * sine)
