@@ -14,8 +14,6 @@ each element from one thread only and use no atomics, so results are the same to
 """
 
 import os
-import sys
-import tempfile
 import threading
 from collections import Counter
 from collections.abc import Callable
@@ -28,6 +26,8 @@ from time import perf_counter
 import numpy as np
 import psutil
 import warp as wp
+
+from warp_smoke.native_words import leaving_out
 
 wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
 wp.set_module_options({"enable_backward": False})
@@ -73,23 +73,9 @@ def bits(x: float):
 
 @cache
 def _start_warp() -> None:
-    """Starts Warp without its complaint that there is no CUDA driver, which is no news on a machine without a GPU.
-
-    It comes from native code, so the file descriptor is watched; whatever else is said there is passed on.
-    """
-    sys.stderr.flush()
-    stderr = os.dup(2)
-    with tempfile.TemporaryFile() as said:
-        os.dup2(said.fileno(), 2)
-        try:
-            wp.init()
-        finally:
-            os.dup2(stderr, 2)
-            os.close(stderr)
-        said.seek(0)
-        for line in said:
-            if b"Could not find or load the NVIDIA CUDA driver" not in line:
-                sys.stderr.write(line.decode(errors="replace"))
+    """Starts Warp; that there is no CUDA driver is no news on a machine without a GPU."""
+    with leaving_out("Could not find or load the NVIDIA CUDA driver"):
+        wp.init()
 
 
 class _Worker:

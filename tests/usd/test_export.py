@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdShade, UsdUtils, UsdVol
 
+import warp_smoke as ws
+from warp_smoke.files import write_png
 from warp_smoke.scene import Scene
 from warp_smoke.usd.export import flatten_stage, package_stage, result_files
 from warp_smoke.usd.validate import validate_stage
@@ -73,6 +75,24 @@ def test_a_package_holds_everything_but_the_smoke(results, tmp_path):
     assert len(layers) == 1
     assert len(assets) == 4
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+def test_textures_from_elsewhere_are_packed_in_silence(tmp_path, capfd):
+    """The user's own textures lie beside the set, not below the results; USD has nothing to say of them."""
+    surfaces = []
+    for folder in ("set", "out"):
+        (tmp_path / folder).mkdir()
+    for n in range(8):  # of one texture, USD complains now and then
+        write_png(tmp_path / f"set/wood{n}.png", np.full((4, 4, 3), 90, np.uint8))
+        texture = ws.Texture(file=str(tmp_path / f"set/wood{n}.png"))
+        material = ws.Material(path=f"/World/Wood{n}", diffuse_texture=texture)
+        mesh = ws.Mesh.grid((-1, n, 1), (2, 0, 0), (0, 0, -2))
+        surfaces.append(ws.Surface(path=f"/World/Floor{n}", mesh=mesh, material=material))
+    ws.Scene(surfaces=surfaces).save(tmp_path / "set/set.usda")
+    package = package_stage(tmp_path / "set/set.usda", tmp_path / "out/set.usdz")
+    assert capfd.readouterr().err == ""
+    packed = {name for name in ZipFile(package).namelist() if name.endswith(".png")}
+    assert packed == {f"0/wood{n}.png" for n in range(8)}
 
 
 def test_files_that_results_name(results):

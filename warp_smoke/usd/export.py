@@ -7,6 +7,7 @@ from zipfile import ZipFile
 
 from pxr import Ar, Sdf, Tf, Usd, UsdUtils, UsdVol
 
+from warp_smoke.native_words import leaving_out
 from warp_smoke.usd.write import replacing_layer
 
 FOLDERS = ("volumes", "textures")
@@ -53,7 +54,10 @@ def package_stage(stage: Path, file: Path) -> Path:
     try:
         with replacing_layer(file) as partial:
             without_volumes.GetRootLayer().Export(str(layer))
-            if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(layer)), str(partial), f"{file.stem}.usdc"):
+            # USD looks for textures once more under the names that it has just given them in the package.
+            with leaving_out("Failed to resolve reference @0/"):
+                packed = UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(layer)), str(partial), f"{file.stem}.usdc")
+            if not packed:
                 raise OSError(f"{file}: cannot be packed")
             _forget_times(partial)
     finally:
