@@ -12,7 +12,7 @@ HEAD = """# Command line
 
 Written by `python scripts/cli_reference.py` from the commands' own help, which `--help` shows too.
 
-Exit status: 0 done; 1 failed, or `validate` found errors; 2 bad input, told in one line; 130 stopped by Ctrl-C,
+Exit status: 0 done; 1 failed, or `validate` found errors; 2 bad input, reported in one line; 130 stopped by Ctrl-C,
 143 by SIGTERM.
 
 """

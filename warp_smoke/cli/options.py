@@ -15,7 +15,7 @@ Json = Annotated[bool, Parameter(name="--json")]
 @Parameter(name="*")
 @dataclass(frozen=True)
 class SceneOptions:
-    """What a command changes of a stage's scene.
+    """What a command changes in a stage's scene.
 
     Attributes:
         frames: First and last frame as A:B; the stage's unless given.

@@ -23,7 +23,7 @@ def plan(
 
     Args:
         stage: The USD stage.
-        scene_options: What is changed of it.
+        scene_options: What is changed in the stage's scene.
         quality: draft, preview or final: measured settings for all that the stage leaves open.
         as_json: Print the plan as JSON.
     """

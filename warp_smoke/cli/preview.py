@@ -27,8 +27,9 @@ def preview(
         screenshot: Save a picture here instead of opening a window.
         movie: Save all frames as a movie here instead: .mp4 (needs ffmpeg or the package imageio-ffmpeg) or .gif.
         html: Save all frames here instead, as pictures in one web page that plays them in any browser.
-        show: density, temperature or speed: a cut through the smoke by colour, with a bar, instead of its look.
-        marks: Mark lights, and before a run domains and emitters, in the files too; the window does until g is pressed.
+        show: density, temperature or speed: a cut through the smoke in colours, with a bar, instead of the smoke.
+        marks: Mark lights, and before a run domains and emitters, in saved pictures too; the window marks them until
+            g is pressed.
         size: Width and height in pixels.
     """
     from warp_smoke.usd.probe import check_readable

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class ChoiceOptions:
-    """What chooses the settings that a stage leaves open; one of them at most.
+    """What chooses the settings that a stage leaves open; at most one of them.
 
     Attributes:
         quality: draft, preview or final: measured settings for all that the stage leaves open.
         max_error: Choose the fastest resolution and scheme within this error: relative L2 of the density, or rms of
             the bakes.
-        budget: Choose the most exact resolution and scheme of which a frame takes no longer, in milliseconds.
+        budget: Choose the most exact resolution and scheme whose frames take no longer than this, in milliseconds.
     """
 
     quality: str | None = None
@@ -50,7 +50,7 @@ class ExtraOptions:
     volume_shader: Literal["karma", "arnold", "omniverse"] | None = None
 
     def write(self, result: "warp_smoke.Result", scene: "warp_smoke.Scene") -> list[Path]:
-        """Writes them over a run's results; gives their files."""
+        """Writes them over a run's results, and returns their paths."""
         written, stage = [], result.stage
         if self.volume_shader:
             from warp_smoke.usd.volume_shader import write_volume_shader
@@ -83,17 +83,17 @@ def run(
     Args:
         stage: The USD stage.
         output: Folder for the results; out/NAME unless given.
-        scene_options: What is changed of the stage.
+        scene_options: What is changed in the stage's scene.
         choice: What chooses the settings that it leaves open.
         device: Where it is computed.
         depth_maps: Also write the shadow maps of the last frame as pictures, textures/LIGHT.depth.png.
-        resume: Go on after the last frame of a run that was stopped or killed; from the first one where nothing is
-            left of it.
-        checkpoint_every: Frames between checkpoints, 0 for none but at Ctrl-C; as many as cost less than 5 % of the
-            time unless given.
+        resume: Continue after the last frame of a run that was stopped or killed, or from the first frame if nothing
+            is left of it.
+        checkpoint_every: Frames between checkpoints, 0 for none except at Ctrl-C; unless given, as many as keep their
+            cost below 5 % of the time.
         extras: Files beside the results.
-        watch: Show frames in a window as they are made, as many as slow the run by a tenth at most, then all of them;
-            the run goes on where the window is closed.
+        watch: Show frames in a window as they are made, skipping those that would slow the run by more than a tenth,
+            and all of them afterwards; closing the window does not end the run.
         as_json: Print the report as JSON.
     """
     settings = {"resume": resume, **asdict(device)}
@@ -129,7 +129,7 @@ def run(
 def _plan(
     scene: "warp_smoke.Scene", output: Path | None, resolution: int | None, choice: ChoiceOptions, settings: dict
 ) -> "warp_smoke.Plan":
-    """The plan with what was chosen for it, which is said."""
+    """The plan with what was chosen for it, which is printed."""
     by_measure = choice.max_error is not None or choice.budget is not None
     if by_measure and resolution is not None:
         allowed = "none, where --max-error or --budget chooses it"

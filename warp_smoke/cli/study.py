@@ -23,13 +23,13 @@ def study(
 ):
     """Measure what accuracy costs in time, on known answers or on STAGE; tables, diagrams and a web page.
 
-    A study that was interrupted goes on where it was.
+    An interrupted study continues where it stopped.
 
     Args:
         stage: A USD stage, studied at several settings against its finest.
         suite: advection, pressure, flow, smoke_shadow, surface_shadow, shading, scene (with a stage) or all; several
-            may be given. Without a stage all, with one scene, unless given.
-        full: Measure at more and finer resolutions; else each suite takes less than two minutes on two cores.
+            may be given. Unless given, scene for a stage, and all without one.
+        full: Measure at more and finer resolutions; otherwise each suite takes less than two minutes on two cores.
         output: Folder for the results; out/study, or out/NAME.study for a stage, unless given.
         device: Where it is computed.
         as_json: Print disclosure, orders and rows as JSON.

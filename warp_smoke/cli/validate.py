@@ -12,9 +12,9 @@ _PARTS = {"stage": "Your stage", "results": "The layers over it that the run wro
 
 
 def validate(path: Path, *, as_json: Json = False):
-    """Check that a stage is one that every DCC accepts; exit status 1 if it has errors, 0 with warnings alone.
+    """Check that a stage is one that every DCC accepts; exit status 1 if it has errors, 0 with warnings only.
 
-    Of a folder of results, what your stage has and what the run wrote are told apart.
+    For a folder of results, problems of your stage and of what the run wrote are listed apart.
 
     Args:
         path: A USD stage or a folder written by `run`.
