@@ -12,6 +12,7 @@ import pyvista as pv
 from warp_smoke.preview.camera import level_axes
 from warp_smoke.preview.smoke import Beam
 from warp_smoke.scene import DistantLight, Light, PointLight, Scene, SpotLight
+from warp_smoke.shading.attenuation import shape_cone, shape_focus
 from warp_smoke.shading.light_source import light_source
 
 NEUTRAL_AMBIENT = (0.25, 0.25, 0.25)
@@ -43,11 +44,18 @@ def beam_on(light: Light, center: np.ndarray, radius: float, time: float) -> Bea
     offset = center - light.position_at(time)
     distance = float(np.linalg.norm(offset))
     direction = offset / distance if distance > 0 else np.array([0.0, 0.0, 1.0])
-    if isinstance(light, SpotLight) and direction @ light.direction_at(time) < np.cos(np.radians(light.cone_angle)):
-        return Beam(direction, np.zeros(3))
+    if isinstance(light, SpotLight):
+        strength = strength * _share_of_cone(light, float(direction @ light.direction_at(time)))
     if light.falloff_end is not None and distance - radius > light.falloff_end:
         return Beam(direction, np.zeros(3))
     return Beam(direction, strength / np.polyval(_falloff(light)[::-1], max(distance, radius)))
+
+
+def _share_of_cone(light: SpotLight, cosine: float) -> float:
+    """The share of a spot light's strength that goes in a direction at an angle to its axis."""
+    angle, outer = np.arccos(np.clip(cosine, -1.0, 1.0)), np.radians(light.cone_angle)
+    inner = (1.0 - light.cone_softness) * outer
+    return shape_focus(cosine, light.focus) * shape_cone(float(angle), float(inner), float(outer))
 
 
 def set_lights(plotter: pv.Plotter, lights: Iterable[Light], time: float, exposure: float = 0.0) -> None:
