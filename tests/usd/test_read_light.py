@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
-from pxr import UsdLux
-from stage_text import scene_of
+from PIL import Image
+from pxr import UsdLux, UsdUtils
+from stage_text import scene_of, write_stage
 
 from warp_smoke.geometry import Mesh
 from warp_smoke.record import Samples
 from warp_smoke.scene import DistantLight, PointLight, Scene, SpotLight, Surface
+from warp_smoke.shading.light_source import light_source
 from warp_smoke.usd.author import author_scene
 
 # The values that UsdLux itself falls back to.
@@ -119,35 +121,129 @@ def test_color_temperature_tints(tmp_path):
     assert np.allclose(light.color, np.array(UsdLux.BlackbodyTemperatureAsRgb(3000.0)) * (0.5, 1, 1), rtol=1e-6)
 
 
+def test_cylinder_lights_become_spheres_of_the_same_area(tmp_path):
+    """The sphere's surface equals that of the cylinder's side; a warning says so."""
+    light, warnings = light_of(tmp_path, 'def CylinderLight "L" { float inputs:radius = 0.5\nfloat inputs:length = 4 }')
+    assert isinstance(light, PointLight)
+    assert np.isclose(4 * np.pi * light.radius**2, 4 * np.pi, rtol=1e-6)
+    assert warnings == ("/World/L: a CylinderLight is used as a sphere of the same area",)
+
+
+@pytest.mark.parametrize("normalize", [True, False])
 @pytest.mark.parametrize(
     ("prim", "area"),
     [
-        ('def RectLight "L" { float inputs:width = 2\nfloat inputs:height = 3 }', 6.0),
-        ('def DiskLight "L" { float inputs:radius = 2 }', 4.0 * np.pi),
-        ('def CylinderLight "L" { float inputs:radius = 0.5\nfloat inputs:length = 4 }', 4.0 * np.pi),
+        ('RectLight "L" { float inputs:width = 2\nfloat inputs:height = 3\n%s }', 6.0),
+        ('DiskLight "L" { float inputs:radius = 2\n%s }', 4.0 * np.pi),
     ],
 )
-def test_area_lights_become_spheres_of_the_same_area(tmp_path, prim, area):
-    """The sphere's surface equals that of the rectangle, disk or cylinder; a warning says so."""
-    light, warnings = light_of(tmp_path, prim)
-    assert isinstance(light, PointLight)
-    assert np.isclose(4 * np.pi * light.radius**2, area, rtol=1e-6)
-    kind = prim.split()[1]
-    assert warnings == (f"/World/L: a {kind} is used as a sphere of the same area",)
+def test_flat_lights_shine_to_their_front(tmp_path, prim, area, normalize):
+    """From afar, B = radiance · A cos θ/(π d²) to the front and nothing to the back; a warning tells of shadows."""
+    given = f"float inputs:intensity = 5\nbool inputs:normalize = {int(normalize)}"
+    light, warnings = light_of(tmp_path, f"def {prim % given}")
+    kind = prim.split()[0]
+    assert warnings == (f"/World/L: a {kind} shines from its middle alone, to its front; its shadows are a disk's",)
+    assert isinstance(light, SpotLight)
+    assert np.isclose(np.pi * light.radius**2, area, rtol=1e-6)
+    assert (light.cone_angle, light.cone_softness, light.focus) == (90.0, 0.0, 1.0)
+    radiance = 5.0 / area if normalize else 5.0
+    strength = light_source(light, np.zeros(3), 1.0).strength
+    assert np.allclose(strength, radiance * area / np.pi, rtol=1e-6)
+
+
+def test_flat_lights_keep_their_shaping_and_samples(tmp_path):
+    """A cone narrower than the front stays, focus adds to the cosine, and intensity may change."""
+    light, _ = light_of(
+        tmp_path,
+        """def RectLight "L" ( apiSchemas = ["ShapingAPI"] ) {
+        float inputs:intensity.timeSamples = { 1: 1, 3: 3 }
+        bool inputs:normalize = true
+        float inputs:shaping:cone:angle = 40
+        float inputs:shaping:cone:softness = 0.5
+        float inputs:shaping:focus = 2 }""",
+    )
+    assert (light.cone_angle, light.cone_softness, light.focus) == (40.0, 0.5, 3.0)
+    assert light.intensity == Samples([1, 3], [4.0, 12.0])
 
 
 def test_dome_lights_are_ambient(tmp_path):
-    """The colours of all visible dome lights add up; a texture on one is warned of."""
+    """The colours of all visible dome lights add up."""
     scene = scene_of(
         tmp_path,
         """
     def DomeLight "A" { color3f inputs:color = (0.1, 0.2, 0.3)\nfloat inputs:intensity = 2 }
-    def DomeLight "B" { color3f inputs:color = (0.5, 0, 0)\nasset inputs:texture:file = @sky.hdr@ }
+    def DomeLight "B" { color3f inputs:color = (0.5, 0, 0) }
     def DomeLight "C" { token visibility = "invisible" }""",
     )
     assert np.allclose(scene.ambient, (0.7, 0.4, 0.6))
     assert scene.lights == ()
-    assert scene.warnings == ("/World/B: inputs:texture:file is not supported; it has no effect",)
+    assert scene.warnings == ()
+
+
+DOME = 'def DomeLight "L" { color3f inputs:color = (1, 1, 0.5)\nfloat inputs:intensity = %s\n%s }'
+PICTURE = "asset inputs:texture:file = @./sky.png@"
+
+
+@pytest.mark.parametrize("package", [False, True])
+def test_pictures_of_dome_lights_tint_the_ambient_light(tmp_path, package):
+    """The picture's mean multiplies the colour; an even one, as Blender writes, is no cause for a warning."""
+    Image.new("RGB", (1, 1), (255, 0, 255)).save(tmp_path / "sky.png")
+    stage = write_stage(tmp_path, DOME % (2, PICTURE))
+    if package:
+        stage = tmp_path / "scene.usdz"
+        UsdUtils.CreateNewUsdzPackage(str(tmp_path / "scene.usda"), str(stage))
+    scene = Scene.open(stage)
+    assert np.allclose(scene.ambient, (2, 0, 1))
+    assert scene.warnings == ()
+
+
+def test_uneven_pictures_of_dome_lights_are_told(tmp_path):
+    """Half a white sky is half the light, from everywhere."""
+    sky = np.zeros((2, 1, 3), np.uint8)
+    sky[0] = 255
+    Image.fromarray(sky).save(tmp_path / "sky.png")
+    scene = scene_of(tmp_path, DOME % (2, PICTURE))
+    assert np.allclose(scene.ambient, (1, 1, 0.5))
+    assert scene.warnings == ("/World/L: of inputs:texture:file the mean colour is used, as light from everywhere",)
+
+
+@pytest.mark.parametrize(
+    ("content", "more", "warning"),
+    [
+        (b"no picture", "", "inputs:texture:file is neither OpenEXR nor Radiance nor what Pillow reads, which is not"),
+        (b"", 'token inputs:texture:format = "angular"', "inputs:texture:format angular is not supported; the picture"),
+    ],
+)
+def test_pictures_of_dome_lights_that_are_not_read(tmp_path, content, more, warning):
+    """The colour stays, with a warning."""
+    (tmp_path / "sky.png").write_bytes(content)
+    scene = scene_of(tmp_path, DOME % (2, f"{PICTURE}\n{more}"))
+    assert np.allclose(scene.ambient, (2, 2, 1))
+    assert len(scene.warnings) == 1
+    assert scene.warnings[0].startswith(f"/World/L: {warning}")
+
+
+def test_dome_lights_that_are_off_need_no_picture(tmp_path):
+    """Of a black world Blender exports a picture with no intensity."""
+    scene = scene_of(tmp_path, DOME % (0, PICTURE))
+    assert scene.ambient == (0.0, 0.0, 0.0)
+    assert scene.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        (None, "inputs:texture:file is @./sky.png@; allowed: a file that exists"),
+        (b"\x76\x2f\x31\x01\2\0\0\0", "inputs:texture:file is ./sky.png (damaged: index out of range); allowed: a "),
+    ],
+)
+def test_missing_and_damaged_pictures_of_dome_lights(tmp_path, content, line):
+    """One line names the prim and the file."""
+    if content is not None:
+        (tmp_path / "sky.png").write_bytes(content)
+    with pytest.raises(ValueError, match="allowed") as error:
+        scene_of(tmp_path, DOME % (2, PICTURE))
+    assert str(error.value).startswith(f"{tmp_path / 'scene.usda'}: /World/L: {line}")
 
 
 def test_invisible_lights_are_off(tmp_path):
@@ -231,6 +327,10 @@ def test_linked_lights_are_written_again(tmp_path):
         (
             'def DistantLight "L" ( apiSchemas = ["SmokeLightAPI"] ) { float smoke:falloffEnd = 3 }',
             "smoke:falloffEnd is 3.0, which is not supported",
+        ),
+        (
+            'def SphereLight "L" { asset inputs:texture:file = @glow.png@ }',
+            "inputs:texture:file is not supported; it has no effect",
         ),
         (
             'def PortalLight "L" { }',

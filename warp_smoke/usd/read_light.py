@@ -1,17 +1,19 @@
 """Lights: `UsdLux` with `ShapingAPI`, `ShadowAPI` and `SmokeLightAPI`.
 
-Exposure and colour temperature are folded into intensity and colour. Rect, Disk and CylinderLights become spheres of
-the same area, so that they give off the same power.
+Exposure and colour temperature are folded into intensity and colour. Lights with a shape shine from their middle
+with the power that they have: Rect and DiskLights to their front, by the cosine, and CylinderLights all around, as a
+sphere of the same area.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdLux
+from pxr import Ar, Usd, UsdGeom, UsdLux
 
 from warp_smoke.record import VAST, Samples, at_least, finite, positive
 from warp_smoke.scene import DistantLight, Light, PointLight, SpotLight
+from warp_smoke.sky import UnsupportedPicture, mean_radiance
 from warp_smoke.usd.names import LIGHT
 from warp_smoke.usd.read_smoke import read_smoke_fields, smoke_names
 from warp_smoke.usd.reader import StageReader, shortest_decimal, value_of
@@ -20,13 +22,15 @@ from warp_smoke.usd.reader import StageReader, shortest_decimal, value_of
 WITHOUT_EFFECT = {
     "inputs:diffuse": 1.0,
     "inputs:specular": 1.0,
-    "inputs:texture:file": None,
     "inputs:shaping:focusTint": (0.0, 0.0, 0.0),
     "inputs:shaping:ies:file": None,
     "inputs:shadow:color": (0.0, 0.0, 0.0),
     "inputs:shadow:distance": -1.0,
     "inputs:shadow:falloff": -1.0,
 }
+
+# Layouts of a dome light's picture in which each row is a circle of latitude.
+ROWS_OF_LATITUDE = ("automatic", "latlong")
 
 # Of exposure: more would take any intensity beyond single precision.
 MOST_STOPS = 100.0
@@ -46,10 +50,10 @@ def read_light(reader: StageReader, prim: Usd.Prim) -> Light | None:
     if prim.GetTypeName() not in (*RADII, "DistantLight"):
         reader.warn(prim, f"a light of type {prim.GetTypeName()} is not supported; it is left out")
         return None
-    _warn_without_effect(reader, prim)
-    record = DistantLight
+    _warn_without_effect(reader, prim, WITHOUT_EFFECT | {"inputs:texture:file": None})
+    record, flat = DistantLight, prim.GetTypeName() in FLAT
     if prim.GetTypeName() in RADII:
-        record = SpotLight if prim.HasAPI(UsdLux.ShapingAPI) else PointLight
+        record = SpotLight if flat or prim.HasAPI(UsdLux.ShapingAPI) else PointLight
     elif prim.HasAPI(UsdLux.ShapingAPI):
         reader.warn(prim, "shaping of a distant light is not supported; it shines everywhere")
 
@@ -67,9 +71,11 @@ def read_light(reader: StageReader, prim: Usd.Prim) -> Light | None:
             fields["angle"] = reader.still(prim.GetAttribute(LIGHT["angle"]))
         else:
             fields["radius"] = RADII[prim.GetTypeName()](reader, prim)
-        if record is SpotLight:
+        if prim.HasAPI(UsdLux.ShapingAPI) and record is SpotLight:
             for name in ("cone_angle", "cone_softness", "focus"):
                 fields[name] = reader.still(prim.GetAttribute(LIGHT[name]))
+        if flat:
+            fields = _to_the_front(fields)
         if "SmokeLightAPI" in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
             smoke = read_smoke_fields(reader, prim, "SmokeLightAPI", record)
             fields |= smoke | {"given": frozenset(smoke)}
@@ -77,12 +83,12 @@ def read_light(reader: StageReader, prim: Usd.Prim) -> Light | None:
 
 
 def read_ambient(reader: StageReader, prim: Usd.Prim) -> np.ndarray:
-    """The ambient colour of a dome light, linear RGB; black if it is invisible at the start.
+    """The ambient colour of a dome light, linear RGB, with the mean of its picture; black if invisible at the start.
 
     Raises:
         ValueError: one line naming file, prim and attribute.
     """
-    _warn_without_effect(reader, prim)
+    _warn_without_effect(reader, prim, WITHOUT_EFFECT)
     if UsdGeom.Imageable(prim).ComputeVisibility(reader.start) == UsdGeom.Tokens.invisible:
         return np.zeros(3)
     with reader.naming(prim.GetPath(), LIGHT):
@@ -91,7 +97,33 @@ def read_ambient(reader: StageReader, prim: Usd.Prim) -> np.ndarray:
         if isinstance(intensity, Samples):
             reader.warn(prim, "a dome light that changes in time is not supported; its first value is used")
             intensity = float(intensity.at(reader.start))
-        return intensity * np.array(at_least(path, "color", _read_color(reader, prim), shape=(3,)))
+        light = intensity * np.array(at_least(path, "color", _read_color(reader, prim), shape=(3,)))
+    return light * _read_sky(reader, prim) if light.any() else light
+
+
+def _read_sky(reader: StageReader, prim: Usd.Prim) -> np.ndarray:
+    """The mean colour of a dome light's picture, linear RGB; white where it has none, or one that is not read."""
+    name, white = "inputs:texture:file", np.ones(3)
+    asset = reader.still(prim.GetAttribute(name))
+    if not asset or not asset.path:
+        return white
+    opened = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(asset.resolvedPath)) if asset.resolvedPath else None
+    if not opened:
+        raise reader.error(prim.GetPath(), name, f"@{asset.path}@", "a file that exists")
+    layout = reader.still(prim.GetAttribute("inputs:texture:format"))
+    if layout not in ROWS_OF_LATITUDE:
+        reader.warn(prim, f"inputs:texture:format {layout} is not supported; the picture has no effect")
+        return white
+    try:
+        mean, even = mean_radiance(opened.GetBuffer())
+    except UnsupportedPicture as reason:
+        reader.warn(prim, f"{name} is {reason}, which is not supported; it has no effect")
+        return white
+    except OSError as error:
+        raise reader.error(prim.GetPath(), name, f"{asset.path} ({error})", "a picture that can be read") from None
+    if not even:
+        reader.warn(prim, f"of {name} the mean colour is used, as light from everywhere")
+    return mean
 
 
 def link_light(prim: Usd.Prim, light: Light, paths: Sequence[str]) -> Light:
@@ -134,8 +166,8 @@ def _read_intensity(reader: StageReader, prim: Usd.Prim) -> float | Samples:
     return reader.over_time(reader.sample_times(attributes), at)
 
 
-def _warn_without_effect(reader: StageReader, prim: Usd.Prim) -> None:
-    for name, value in WITHOUT_EFFECT.items():
+def _warn_without_effect(reader: StageReader, prim: Usd.Prim, without_effect: dict[str, object]) -> None:
+    for name, value in without_effect.items():
         attribute = prim.GetAttribute(name)
         if attribute and attribute.HasAuthoredValue() and attribute.Get() != value:
             reader.warn(prim, f"{name} is not supported; it has no effect")
@@ -153,24 +185,47 @@ def _sphere_radius(reader: StageReader, prim: Usd.Prim) -> float:
     return _lengths(reader, prim, "radius")[0]
 
 
-def _as_sphere(reader: StageReader, prim: Usd.Prim, area: float) -> float:
-    reader.warn(prim, f"a {prim.GetTypeName()} is used as a sphere of the same area")
-    return shortest_decimal(np.sqrt(area / (4.0 * np.pi)))
-
-
 def _rect_radius(reader: StageReader, prim: Usd.Prim) -> float:
     width, height = _lengths(reader, prim, "width", "height")
-    return _as_sphere(reader, prim, width * height)
+    return _flat_radius(reader, prim, width * height)
 
 
 def _disk_radius(reader: StageReader, prim: Usd.Prim) -> float:
     (radius,) = _lengths(reader, prim, "radius")
-    return _as_sphere(reader, prim, np.pi * radius**2)
+    return _flat_radius(reader, prim, np.pi * radius**2)
+
+
+def _flat_radius(reader: StageReader, prim: Usd.Prim, area: float) -> float:
+    """Radius of the sphere that looks as large as a flat light does from its front."""
+    reader.warn(prim, f"a {prim.GetTypeName()} shines from its middle alone, to its front; its shadows are a disk's")
+    return shortest_decimal(np.sqrt(area / np.pi))
 
 
 def _cylinder_radius(reader: StageReader, prim: Usd.Prim) -> float:
     radius, length = _lengths(reader, prim, "radius", "length")
-    return _as_sphere(reader, prim, 2.0 * np.pi * radius * length)
+    reader.warn(prim, "a CylinderLight is used as a sphere of the same area")
+    return shortest_decimal(np.sqrt(2.0 * np.pi * radius * length / (4.0 * np.pi)))
+
+
+def _to_the_front(fields: dict[str, object]) -> dict[str, object]:
+    """The spot light that shines as a flat light of area A does from afar.
+
+    Its radiance L gives the irradiance L A cos θ/d² at an angle θ to its front, and the sphere of radius √(A/π), whose
+    area is 4 A, the irradiance L A/d². `normalize` divides by the area, which takes four times the intensity here.
+    """
+    cone = fields.get("cone_angle", 90.0)
+    shaped = {
+        "focus": fields.get("focus", 0.0) + 1.0,
+        "cone_angle": min(cone, 90.0),
+        "cone_softness": fields.get("cone_softness", 0.0) if cone < 90.0 else 0.0,
+    }
+    intensity = fields["intensity"]
+    if fields["normalize"]:
+        if isinstance(intensity, Samples):
+            intensity = Samples(intensity.times, 4.0 * intensity.values)
+        else:
+            intensity = 4.0 * intensity
+    return fields | shaped | {"intensity": intensity}
 
 
 RADII: dict[str, Callable[[StageReader, Usd.Prim], float]] = {
@@ -179,3 +234,5 @@ RADII: dict[str, Callable[[StageReader, Usd.Prim], float]] = {
     "DiskLight": _disk_radius,
     "CylinderLight": _cylinder_radius,
 }
+# Lights that shine to one side, their −Z axis.
+FLAT = ("RectLight", "DiskLight")
