@@ -11,6 +11,7 @@ from scenes import at, floor, plume
 
 import warp_smoke as ws
 from warp_smoke import cli
+from warp_smoke.cli.console import warn
 
 STAGES = Path(__file__).parents[1] / "stages"
 
@@ -270,3 +271,22 @@ def test_bad_attributes(warp_smoke, tmp_path, attribute, value, said):
     assert "bad.usda: /World/Smoke: " in err
     assert said in err
     assert not (tmp_path / "out").exists()
+
+
+def test_names_are_printed_as_they_are(warp_smoke, tmp_path):
+    """Brackets and colons in names are no mark-up: primvars of Blender's bones end with `:Bone`."""
+    name = "[final] :bone:"
+    stage = tmp_path / f"{name}.usda"
+    stage.write_bytes((STAGES / "smoke_only.usda").read_bytes())
+    status, out, _ = warp_smoke("run", stage, "--resolution", 8, "--frames", "1:1", "-o", name)
+    assert status == 0
+    assert out.splitlines()[-1] == f"Wrote {name}/{name}.usda"
+    status, out, _ = warp_smoke("validate", stage)
+    assert out.splitlines()[-1].startswith(f"{stage}: ")
+
+
+def test_warnings_are_printed_as_they_are(capfd):
+    """Only the word warning is marked up."""
+    text = "/World/Mesh.primvars:Bone: inputs:file is ./[/red][bold].png"
+    warn([text])
+    assert capfd.readouterr().err == f"warning {text}\n"

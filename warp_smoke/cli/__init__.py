@@ -53,7 +53,7 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
     except _FAILED as error:
-        err.print(f"[red]error[/red] {_one_line(error)}", soft_wrap=True, highlight=False)
+        err.print(f"[red]error[/red] {escape(_one_line(error))}", soft_wrap=True, markup=True, highlight=False)
         status = 2 if isinstance(error, _BAD_INPUT) else 1
     except KeyboardInterrupt as stop:
         err.print(f"{stop}; --resume goes on from there." if isinstance(stop, Interrupted) else "Stopped.")
@@ -63,5 +63,5 @@ def main() -> None:
 
 def _one_line(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename:
-        return escape(f"{error.filename}: {error.strerror}")
-    return escape(" ".join(str(error).split()) or type(error).__name__)
+        return f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split()) or type(error).__name__

@@ -6,13 +6,15 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.markup import escape
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
     from warp_smoke.study.case import Row
 
-out, err = Console(), Console(stderr=True)
+# Names and values are printed as they are: what a stage calls :bone: is no picture of one.
+out, err = (Console(stderr=stderr, markup=False, emoji=False) for stderr in (False, True))
 
 # In a log, where no bar can move, a line says now and then how far a command is.
 _SECONDS_BETWEEN_LINES = 10
@@ -21,7 +23,7 @@ _SECONDS_BETWEEN_LINES = 10
 def warn(warnings: Iterable[str]) -> None:
     """Prints warnings, a line each."""
     for warning in warnings:
-        err.print(f"[yellow]warning[/yellow] {warning}", soft_wrap=True, highlight=False)
+        err.print(f"[yellow]warning[/yellow] {escape(warning)}", soft_wrap=True, markup=True, highlight=False)
 
 
 def say_written(files: Iterable[Path]) -> None:

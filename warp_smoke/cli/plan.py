@@ -35,8 +35,8 @@ def plan(
         print(json.dumps(_as_plain(made), indent=2))
         return
     if made.chosen:
-        out.print(str(made.chosen), soft_wrap=True, markup=False, highlight=False)
-    out.print(_passes(made) if made.passes else "Nothing runs.")
+        out.print(str(made.chosen), soft_wrap=True, highlight=False)
+    out.print(_passes(made) if made.passes else "Nothing runs.", markup=True)
     if made.left_out:
         out.print(_left_out(made))
     out.print(made.memory, highlight=False)
@@ -57,7 +57,7 @@ def _passes(made: "warp_smoke.Plan") -> "Table":
         found.setdefault((each.name, each.method, each.when, each.why), []).append(each.subjects)
     for (name, method, when, why), subjects in found.items():
         how = ", ".join(filter(None, (method, when)))
-        table.add_row(f"{name}\n[dim]{how}[/dim]", f"{_list(subjects)}\n[dim]{escape(why)}[/dim]")
+        table.add_row(f"{name}\n[dim]{how}[/dim]", f"{escape(_list(subjects))}\n[dim]{escape(why)}[/dim]")
     return table
 
 

@@ -137,7 +137,7 @@ def _plan(
     with progress_bar() as bar:
         planned = plan_run(scene, output, **asdict(choice), **settings, on_row=say_rows(bar))
     if planned.chosen:
-        err.print(str(planned.chosen), soft_wrap=True, markup=False, highlight=False)
+        err.print(str(planned.chosen), soft_wrap=True, highlight=False)
     return planned
 
 

@@ -33,7 +33,7 @@ def validate(path: Path, *, as_json: Json = False):
             if of_part and path.is_dir():
                 out.print(f"{title}:", highlight=False)
             for problem in of_part:
-                out.print(str(problem), soft_wrap=True, markup=False)
+                out.print(str(problem), soft_wrap=True)
         severities = [problem.severity for problem in problems]
         counts = [f"{severities.count(each)} {each}(s)" for each in dict.fromkeys(severities)]
         out.print(f"{path}: {', '.join(counts) or 'no problems'}", soft_wrap=True, highlight=False)
