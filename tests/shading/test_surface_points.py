@@ -197,12 +197,20 @@ def test_specular_texture(launcher, tmp_path):
 
 
 def test_light_without_lights(launcher, tmp_path):
-    """Without a light: emissive + occlusion · ambient ⊗ m_d, each from its texture."""
+    """Without a light: emissive + occlusion · ambient ⊗ base colour, each from its texture."""
     glow = Texture(file=save(tmp_path / "e.png", [[[51, 102, 0]]]), **RAW)
     hidden = Texture(file=save(tmp_path / "o.png", [[[0, 204, 0]]]), channel="g", **RAW)
     material = Material(diffuse_color=(0.5, 0.5, 1.0), emissive_texture=glow, occlusion_texture=hidden)
     _, detail = detail_of(launcher, material, on_floor(launcher, (0.5, 0.5)), ambient=(0.1, 0.2, 0.3))
     np.testing.assert_allclose(detail.unlit.numpy(), [[0.2 + 0.04, 0.4 + 0.08, 0.24]], atol=1e-6)
+
+
+@pytest.mark.parametrize("metallic", [0.0, 0.3, 1.0])
+def test_light_from_everywhere_on_metal(launcher, metallic):
+    """What is the same all around looks the same in a mirror: ambient light has the base colour, matte or metal."""
+    material = Material(diffuse_color=(0.8, 0.4, 0.2), metallic=metallic)
+    _, detail = detail_of(launcher, material, on_floor(launcher, (0.5, 0.5)), ambient=(0.5, 0.25, 1.0))
+    np.testing.assert_allclose(detail.unlit.numpy(), [[0.4, 0.1, 0.2]], atol=1e-6)
 
 
 @pytest.mark.parametrize(("threshold", "expected"), [(0.0, [0.2, 0.8]), (0.5, [0, 1]), (0.9, [0, 0])])

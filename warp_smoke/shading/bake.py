@@ -2,8 +2,8 @@
 
 With B, l of light L at a point (`light_source.py`), V its visibility past surfaces and T the smoke's transmittance:
 
-- `lit` = emissive + ambient ⊗ m_d + Σ_L V T ⊗ B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0), F. Luna's LitColor, or
-  what the material's reflection is (`blinn_phong`);
+- `lit` = emissive + ambient ⊗ c + Σ_L V T ⊗ B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0), F. Luna's LitColor, or
+  what the material's reflection is (`blinn_phong`), with the base colour c;
 - `irradiance` = ambient + Σ_L V T ⊗ B max(l·n, 0), irradiance/π: what a white matte surface would look like;
 - `normal`: the direction that light is reflected by, along the stage's axes;
 - `visibility` = Σ_L w V / Σ_L w, the share of the light that surfaces let through, and

@@ -42,10 +42,16 @@ class LightSource:
     """A light at one time, in set space.
 
     Attributes:
+        kind: distant, point or spot.
         strength: B before attenuation, linear RGB.
-        direction: unit vector in which it shines.
-        falloff_end: no light beyond this distance.
-        cone_inner, cone_outer: where the cone's edge begins and ends to fade [rad].
+        position: of a point or spot light, [3] [stage units].
+        direction: unit vector in which a distant or spot light shines.
+        falloff: its place in `FALLOFF_MODELS`.
+        falloff_start: distance at which the linear falloff begins [stage units].
+        falloff_end: no light beyond this distance [stage units].
+        attenuation: k₀, k₁, k₂ of the polynomial falloff.
+        cone_inner, cone_outer: where a cone's edge begins and ends to fade [rad].
+        focus: exponent of cos θ.
     """
 
     kind: int

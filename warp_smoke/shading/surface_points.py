@@ -139,7 +139,8 @@ def _look_up_detail(
 ):
     """First uv ← parallax(uv), then all else at uv; c is the base colour and k the share of metal.
 
-    m_d = (1 − k) c, r₀ = (1 − k) r₀ + k c, unlit = emissive + occlusion · ambient ⊗ m_d.
+    m_d = (1 − k) c, r₀ = (1 − k) r₀ + k c, unlit = emissive + occlusion · ambient ⊗ c: metal is a mirror, in which a
+    light from everywhere looks the same all around.
     """
     s = rows.first + wp.tid()
     m = looks.materials[points.material[s]]
@@ -163,12 +164,11 @@ def _look_up_detail(
     detail_out.normals[s] = n
     base = color_at(looks, m.diffuse_texture, uv, m.diffuse)
     metal = share_of(looks, m.metallic_texture, uv, m.metallic)
-    diffuse = (1.0 - metal) * base
-    detail_out.diffuse[s] = diffuse
+    detail_out.diffuse[s] = (1.0 - metal) * base
     detail_out.r0[s] = (1.0 - metal) * color_at(looks, m.specular_texture, uv, m.r0) + metal * base
     detail_out.gloss[s] = gloss_of(looks, m, uv)
     occlusion = share_of(looks, m.occlusion_texture, uv, m.occlusion)
     emissive = color_at(looks, m.emissive_texture, uv, m.emissive)
-    detail_out.unlit[s] = emissive + occlusion * wp.cw_mul(ambient, diffuse)
+    detail_out.unlit[s] = emissive + occlusion * wp.cw_mul(ambient, base)
     if detail_out.opacity.shape[0] > s:
         detail_out.opacity[s] = opacity_at(looks, m, uv)

@@ -138,7 +138,7 @@ class MaterialReader:
                 )
         self._check_normal_map(surface, textures["normal_texture"])
         smoke = self._read_smoke_fields(material.GetPrim())
-        values |= _reflectance(values, textures, "procedural" in smoke)
+        values |= _reflectance(values, textures)
         names = MATERIAL | {field: smoke_attribute(field) for field in smoke}
         with self._reader.naming(surface.GetPath(), names):
             read = Material(
@@ -273,22 +273,14 @@ def _is_bound(prim: Usd.Prim) -> bool:
     return bool(named or binding.ComputeBoundMaterial(UsdShade.Tokens.full)[0])
 
 
-def _reflectance(values: dict[str, object], textures: dict[str, Texture | None], procedural: bool) -> dict[str, object]:
-    """Diffuse colour, reflectance at normal incidence and share of metal, of either workflow.
-
-    Metal is mixed into the colours where none of them is a picture. Textures of the other workflow are taken out.
-    """
+def _reflectance(values: dict[str, object], textures: dict[str, Texture | None]) -> dict[str, object]:
+    """Reflectance at normal incidence and share of metal, of either workflow; takes out textures of the other."""
     if values["useSpecularWorkflow"]:
         textures["metallic_texture"] = None
         return {"metallic": 0.0}
     textures["specular_texture"] = None
-    n, metallic, diffuse = values["ior"], values["metallic"], values["diffuseColor"]
-    r0 = (shortest_decimal(((n - 1.0) / (n + 1.0)) ** 2),) * 3
-    if procedural or textures["diffuse_texture"] or textures["metallic_texture"] or not metallic:
-        return {"specularColor": r0}
-    mixed = (shortest_decimal((1.0 - metallic) * a + metallic * b) for a, b in zip(r0, diffuse, strict=True))
-    rest = tuple(shortest_decimal((1.0 - metallic) * a) for a in diffuse)
-    return {"specularColor": tuple(mixed), "diffuseColor": rest, "metallic": 0.0}
+    n = values["ior"]
+    return {"specularColor": (shortest_decimal(((n - 1.0) / (n + 1.0)) ** 2),) * 3}
 
 
 def _source(shader: UsdShade.Shader, name: str) -> Usd.Attribute | None:
