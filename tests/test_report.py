@@ -1,6 +1,8 @@
 """What a report warns of: solvers that fell short."""
 
-from warp_smoke.report import step_warnings
+import pytest
+
+from warp_smoke.report import step_warnings, summary
 
 
 def _frame(converged=True, diffusion=0.0):
@@ -14,3 +16,14 @@ def test_solvers_that_fell_short_are_told():
     pressure, diffusion = step_warnings([_frame(), _frame(converged=False), _frame(diffusion=0.4), _frame()])
     assert pressure == "/Smoke: pressure missed its tolerance in 1 of 4 substeps, by a residual of up to 0.25"
     assert diffusion.startswith("/Smoke: diffusion may be off by up to 40% of the change it makes")
+
+
+@pytest.mark.parametrize(
+    ("substeps", "words"),
+    [((1, 1), "1 substep a frame"), ((3, 3), "3 substeps a frame"), ((1, 4), "1 to 4 substeps a frame")],
+)
+def test_summary_says_how_many_substeps(substeps, words):
+    """One number where all frames have as many substeps, else the least and the most."""
+    frames = [{"domains": {"/Smoke": {"substeps": count}}} for count in substeps]
+    line, _ = summary({"frames": frames, "seconds": {"set_up": 1.0, "frames": 2.0, "passes": {}}}).renderables
+    assert line == f"2 frames: 1.0 s to set up, 2.0 s to make, {words}"

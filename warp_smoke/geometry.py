@@ -18,8 +18,8 @@ class Mesh(Record):
     Attributes:
         points: [n, 3] float32 in stage units; Samples [t, n, 3] where the points move (the triangles stay).
         triangles: indices into points, [m, 3] int32.
-        normals: unit normal at each corner, [m, 3, 3] float32; Samples [t, m, 3, 3] where they turn; or None: flat
-            unless `smooth_normals` are asked for.
+        normals: unit normal at each corner, [m, 3, 3] float32; Samples [t, m, 3, 3] where they turn; None: those
+            of the triangles.
         uvs: texture coordinates at each corner, [m, 3, 2] float32, v up, or None.
         faces: index of the polygon that each triangle was cut from, [m] int32; None where each is one of its own; not
             part of equality.
@@ -109,7 +109,12 @@ class Mesh(Record):
 
     @classmethod
     def box(cls, size=(2.0, 2.0, 2.0), lower=None) -> "Mesh":
-        """A box with sides `size` around the origin (or from its corner `lower`), each side's UVs covering [0, 1]²."""
+        """A box around the origin, each side's UVs covering [0, 1]².
+
+        Args:
+            size: length of all sides, or of those along x, y and z, [3] [stage units].
+            lower: its least corner, [3], in place of being around the origin.
+        """
         size = np.broadcast_to(np.asarray(size, np.float64), (3,))
         lower = -size / 2 if lower is None else np.asarray(lower, np.float64)
         corners, normals = [], []
@@ -136,7 +141,14 @@ class Mesh(Record):
 
     @classmethod
     def grid(cls, corner, u_edge, v_edge, divisions: int = 1) -> "Mesh":
-        """A flat patch corner + u·u_edge + v·v_edge, u and v in [0, 1], facing u_edge × v_edge."""
+        """A flat patch corner + u·u_edge + v·v_edge, u and v in [0, 1], facing u_edge × v_edge.
+
+        Args:
+            corner: where u = v = 0, [3] [stage units].
+            u_edge: side along which u grows, [3].
+            v_edge: side along which v grows, [3].
+            divisions: squares along each side, of two triangles.
+        """
         steps = np.linspace(0.0, 1.0, divisions + 1)
         u, v = (a.ravel() for a in np.meshgrid(steps, steps, indexing="ij"))
         corner, u_edge, v_edge = (np.asarray(a, np.float64) for a in (corner, u_edge, v_edge))
@@ -151,32 +163,37 @@ class Mesh(Record):
 
     @classmethod
     def sphere(cls, radius: float = 1.0, segments: int = SEGMENTS) -> "Mesh":
-        """A sphere around the origin."""
+        """A sphere of this radius [stage units] around the origin, with so many segments around its axis Z."""
         angle = np.linspace(-np.pi / 2, np.pi / 2, segments // 2 + 1)
         return cls.revolved(radius * np.cos(angle), radius * np.sin(angle), segments=segments, smooth=True)
 
     @classmethod
     def cylinder(cls, radius: float = 1.0, height: float = 2.0, axis: str = "Z", segments: int = SEGMENTS) -> "Mesh":
-        """A closed cylinder around the origin."""
+        """A closed cylinder around the origin along an axis X, Y or Z; radius and height in stage units."""
         return cls.revolved([0, radius, radius, 0], np.array([-1, -1, 1, 1]) * height / 2, axis, segments)
 
     @classmethod
     def cone(cls, radius: float = 1.0, height: float = 2.0, axis: str = "Z", segments: int = SEGMENTS) -> "Mesh":
-        """A closed cone with its apex at +height/2."""
+        """A closed cone along an axis X, Y or Z, from −height/2 to its apex at height/2 [stage units]."""
         return cls.revolved([0, radius, 0], np.array([-1, -1, 1]) * height / 2, axis, segments)
 
     @classmethod
     def capsule(cls, radius: float = 0.5, height: float = 1.0, axis: str = "Z", segments: int = SEGMENTS) -> "Mesh":
-        """A cylinder of the given height with half a sphere at each end."""
+        """A cylinder of a height along an axis X, Y or Z, with half a sphere of the radius added at each end."""
         angle = np.linspace(-np.pi / 2, 0, segments // 4 + 1)
         r, z = radius * np.cos(angle), radius * np.sin(angle) - height / 2
         return cls.revolved(np.concatenate([r, r[::-1]]), np.concatenate([z, -z[::-1]]), axis, segments, smooth=True)
 
     @classmethod
     def revolved(cls, r, z, axis: str = "Z", segments: int = SEGMENTS, smooth: bool = False) -> "Mesh":
-        """The outline (r, z), bottom to top, turned about an axis; closed if it starts and ends at r = 0.
+        """An outline turned about an axis; closed if it starts and ends there.
 
-        Normals follow the turn, and also the outline where it is `smooth`.
+        Args:
+            r: distances of the outline's points from the axis, from bottom to top, [n] [stage units].
+            z: their heights along the axis, [n].
+            axis: X, Y or Z.
+            segments: around the axis.
+            smooth: whether normals follow the outline as one curve, and not only the turn.
         """
         r, z = np.asarray(r, np.float64), np.asarray(z, np.float64)
         # r is exactly 0 at closed ends, so that their triangles collapse to points that can be left out.

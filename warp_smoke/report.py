@@ -57,7 +57,9 @@ def summary(report: dict) -> Group:
     steps = [step["substeps"] for frame in report["frames"] for step in frame["domains"].values()]
     line = f"{count} frame{'s' * (count > 1)}: {seconds['set_up']:.1f} s to set up, {seconds['frames']:.1f} s to make"
     if steps:
-        line += f", {min(steps)} to {max(steps)} substeps a frame"
+        least, most = min(steps), max(steps)
+        number = f"{least} to {most}" if least < most else f"{most}"
+        line += f", {number} substep{'s' * (most > 1)} a frame"
     table = Table("Pass", "Seconds", "ms / frame")
     passes = {name: spent for name, spent in seconds["passes"].items() if name != "load_kernels"}
     large = [name for name in sorted(passes, key=passes.get, reverse=True) if passes[name] > 0.03 * seconds["frames"]]

@@ -59,6 +59,9 @@ def run(
             chooses are measured without it. It is no part of a checkpoint: a run that goes on must be given it again,
             and one that is not is refused; whether it is the same one is not checked.
 
+    Returns:
+        The folder, its root layer, and the content of report.json.
+
     Raises:
         ValueError: the scene asks for something that cannot be done, another run writes to the folder, or the
             checkpoint is damaged or of another run; no folder is left behind.

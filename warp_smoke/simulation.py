@@ -45,8 +45,9 @@ class Frame(Record):
     Attributes:
         number: the frame (time code).
         smoke: fields by domain path.
-        pictures: pixels that changed, uint8 [h, w] or [h, w, 3], by receiver path and bake; shadow maps by the light's
-            path and `depth`.
+        pictures: those that changed, by receiver path and bake, first row at the top: uint8, or uint16 with 16 bits,
+            [h, w], [h, w, 3] or with opacity [h, w, 4]; float32 values at points, [n] or [n, 3], of a receiver without
+            texture coordinates. Shadow maps, uint8, by the light's path and `depth`.
         steps: what the solver did, by domain path; empty at the first frame, which only emits.
     """
 

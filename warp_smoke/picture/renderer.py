@@ -24,8 +24,8 @@ from warp_smoke.shadow.casters import Casters
 
 SHADINGS = ("pixel", "vertex")
 MAX_PIXELS = 2**26
-# Pixels that are rendered together: what is known of them stays in the processor's cache, and the rows that are
-# dear, as those of a floor in relief, are shared out among its threads.
+# Pixels that are rendered together: what is known of them stays in the processor's cache, and the rows that
+# are costly, as those of a floor in relief, are shared out among its threads.
 _TILE_PIXELS = 2**15
 
 

@@ -1,4 +1,4 @@
-"""Parts of a scene that can be worked with, but that hardly are what their maker meant; each is worth a warning."""
+"""Parts of a scene that can be run but were probably not intended; each is worth a warning."""
 
 from collections.abc import Iterable, Iterator, Sequence
 

@@ -45,7 +45,7 @@ class LivePreview:
         began = clock()
         self._view.show(self._stage.full_frame())
         plotter.update()
-        # What the next drawing may cost: as much as the dearest of the last ones, on a machine that does other things.
+        # What the next drawing may cost: as much as the slowest of the last ones, on a machine that does other things.
         self._costs = deque([clock() - began], maxlen=REMEMBERED)
         self._view.show(self._stage.empty_frame())
         plotter.update()

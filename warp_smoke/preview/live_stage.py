@@ -25,7 +25,7 @@ class LiveStage:
         self._colors: dict[str, np.ndarray] = {}
 
     def full_frame(self) -> Frame:
-        """A frame with smoke all over, as dear to draw as any."""
+        """A frame with smoke all over, as slow to draw as any."""
         full = {path: np.ones(lattice.shape, np.float32) for path, lattice in self._lattices.items()}
         return self._frame(self.scene.start, full, {})
 

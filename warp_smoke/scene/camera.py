@@ -8,7 +8,13 @@ from warp_smoke.scene.prim import Prim
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Camera(Prim):
-    """A camera looking along its −Z axis (USD: `UsdGeomCamera`); apertures and focal length share one unit."""
+    """A camera looking along its −Z axis (USD: `UsdGeomCamera`).
+
+    Attributes:
+        focal_length, horizontal_aperture, vertical_aperture: in one unit, whichever it is.
+        horizontal_offset, vertical_offset: of the aperture from the axis, to the right and up, in the same unit.
+        near, far: distances along the axis between which something is seen [stage units].
+    """
 
     focal_length: float = 50.0
     horizontal_aperture: float = 20.955

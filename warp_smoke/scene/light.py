@@ -206,6 +206,7 @@ class DistantLight(Light):
 
     Attributes:
         angle: its width in the sky [degrees].
+        shadow_map_size: texels along a side of the depth map, which covers the whole set.
     """
 
     angle: float = 0.53

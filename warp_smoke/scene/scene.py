@@ -23,6 +23,8 @@ class Scene(Record):
     """Everything a stage asks for.
 
     Attributes:
+        domains, emitters, colliders, surfaces, lights: what stands on it; paths are unique among each.
+        camera: that pictures and highlights are seen from, or None.
         start, end: first and last frame (time codes), both simulated.
         time_codes_per_second: frames in a second, at least 1e-6.
         meters_per_unit: length of a stage unit [m].

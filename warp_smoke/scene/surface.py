@@ -20,9 +20,11 @@ class Receiver(Record):
     """What is baked for a surface (USD: `SmokeReceiverAPI`).
 
     Attributes:
+        path: prim path of the surface.
         bake: pictures, of `BAKES`: of the surface's points (`SURFACE_BAKES`), or `depth`, the shadow maps of the
             lights that light it, which needs no texture coordinates.
         texture_size: texels along a side.
+        texture_bits: of each channel of the pictures, 8 or 16.
         receive_smoke, receive_shadow: whether shadows of smoke, and of surfaces, fall on it.
         given: names of the fields that the stage sets, which no quality preset changes; not part of equality.
     """

@@ -12,6 +12,7 @@ from warp_smoke.plan import make_plan
 from warp_smoke.plan.fluid import DEFAULT_ADVECTION
 from warp_smoke.record import FieldError
 from warp_smoke.scene import ADVECTION_SCHEMES, Scene
+from warp_smoke.scene import SMOKE_SHADOWS as SMOKE_METHODS
 from warp_smoke.study.case import Case, Measured, Row
 from warp_smoke.study.front import pareto_front
 from warp_smoke.study.outcome import Outcome, differences, light_scene, run_scene
@@ -37,8 +38,7 @@ _QUICK_FRAMES, _QUICK_CELLS = 24, 2**21
 _TOLERANCES, _FINE_TOLERANCE = (1e-1, 1e-2, 1e-3, 1e-4), 1e-5
 _MAPPED_FILTERS, _TRACED_FILTERS = ("hard", "pcf_grid", "pcf_disk", "pcss"), ("exact", "area")
 _MAP_SHARES = (0.25, 0.5, 1.0)
-_SMOKE_METHODS = ("march", "nearest", "bilinear", "gaussian", "footprint", "dpd", "ray_traced")
-# A dearer setting has to better the cheaper one by this factor to be recommended, and an error larger than a code of an
+# A slower setting has to better the faster one by this factor to be recommended, and an error larger than a code of an
 # 8-bit picture.
 _GOOD_ENOUGH, _UNSEEN = 1.5, 1 / 255
 
@@ -94,7 +94,7 @@ class SceneStudy:
         if self._smoky:
             alone = with_receivers(frames, receive_shadow=False)
             traced, cells = with_smoke_shadows(alone, "ray_traced"), frames.domains[0].resolution
-            for name in _SMOKE_METHODS:
+            for name in SMOKE_METHODS:
                 scene = with_smoke_shadows(alone, name)
                 made.append(self._light_case(SMOKE_SHADOWS, name, {}, cells, scene, traced, frames))
         return made
@@ -192,7 +192,7 @@ class SceneStudy:
             times = max(row.median for row in found) / chosen.median
             says.append(
                 f"for {problem} {chosen.method} at {chosen.resolution} ({duration(chosen.median)}, "
-                f"error {percent(chosen.errors[error])}, {times:.1f} times as fast as the dearest)"
+                f"error {percent(chosen.errors[error])}, {times:.1f} times as fast as the slowest)"
             )
         return f"Recommended: {'; '.join(says)}." if says else "Nothing could be measured."
 

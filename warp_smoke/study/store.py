@@ -1,4 +1,4 @@
-"""The results on disk: rewritten whole after each row, so that a study that was interrupted goes on where it was."""
+"""The results on disk: rewritten whole after each row, so that an interrupted study continues where it stopped."""
 
 import csv
 import json

@@ -28,7 +28,7 @@ class EffectCost(NamedTuple):
 
 
 def effect_costs(rows: Sequence[Row]) -> list[EffectCost]:
-    """Of the rows of a stage with everything, which comes first, and without each effect; the dearest first."""
+    """Of the rows of a stage with everything, which comes first, and without each effect; the most expensive first."""
     whole, *others = rows
     costs = []
     for row in others:

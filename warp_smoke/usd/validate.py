@@ -34,7 +34,7 @@ def validate_stage(path: str | Path) -> list[Problem]:
 
     Asked are all validators of usd-core, the rules of usd-validation-nvidia where that is installed, our own checks
     (`checks`), and the scene reader for what it refuses. What the public validators say of shaders for one renderer,
-    whose nodes they do not know, is told as an info, and what every DCC reads but is untidy as a warning.
+    whose nodes they do not know, becomes an info, and what every DCC reads but is untidy a warning.
 
     Args:
         path: the stage, or a folder that holds results.

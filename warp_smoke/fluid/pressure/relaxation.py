@@ -172,7 +172,7 @@ class JacobiPressure(_Relaxation):
 class RedBlackPressure(_Relaxation):
     """Over-relaxation of red, then black cells, by the weight that is best in the box without solids.
 
-    Around a periodic axis with an odd number of cells a chessboard does not close: there cells have three colors.
+    Around a periodic axis with an odd number of cells a chessboard does not close: there cells have three colours.
     """
 
     def __init__(self, launcher: Launcher, problem: PressureProblem):

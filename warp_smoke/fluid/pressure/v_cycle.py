@@ -101,7 +101,7 @@ class VCycle:
     def _count_unsplit(self) -> int:
         """Levels down to the first with blocks that walls split.
 
-        On the finest, where lists of cells are dear, a few such blocks are let pass.
+        On the finest, where lists of cells are costly, a few such blocks are let pass.
         """
         levels = self._grid.levels
         for number, coarse in enumerate(levels[1:]):
