@@ -74,7 +74,7 @@ class ReceiverBake:
             surface: a surface with a receiver, which gives the texture's size.
             lights: those that can reach it.
             origin: world position of set space's origin, [3] float64.
-            bakes: pictures that will be asked for, of `scene.BAKES`.
+            bakes: pictures that will be asked for, of `scene.SURFACE_BAKES`.
             ambient: light from everywhere, linear RGB.
             camera: whose view the highlights are seen from; None leaves them out.
             shadowed: paths of the lights from which surfaces shadow it.

@@ -1,8 +1,9 @@
 """Materials and their pictures on the device: one table for all that is shaded together."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import warp as wp
@@ -93,51 +94,62 @@ def make_looks(launcher: Launcher, materials: Sequence[Material]) -> Looks:
     Raises:
         FieldError: a texture's file cannot be read.
     """
-    textures, texels = [], []
-    first = 0
-    pictures: dict[tuple, tuple[int, int, int]] = {}
+    table = _TextureTable()
+    found = [_material_look(material, table) for material in materials]
+    looks, device = Looks(), launcher.device
+    looks.materials = wp.array(found, dtype=MaterialLook, device=device)
+    looks.textures = wp.array(table.textures or [TextureLook()], dtype=TextureLook, device=device)
+    texels = np.concatenate(table.texels or [np.zeros((1, 4), np.float32)])
+    looks.texels = launcher.array(texels, "textures", dtype=wp.vec4)
+    return looks
 
-    def place(key: tuple, picture: Picture) -> tuple[int, int, int]:
-        nonlocal first
-        if key not in pictures:
-            linear = picture.linear()
-            pictures[key] = first, linear.shape[1], linear.shape[0]
-            texels.append(linear.reshape(-1, 4))
-            first += len(texels[-1])
-        return pictures[key]
 
-    looks = []
-    for material in materials:
-        look = MaterialLook()
-        look.diffuse, look.r0 = wp.vec3(*material.diffuse_color), wp.vec3(*material.fresnel_r0)
-        look.emissive = wp.vec3(*material.emissive_color)
-        for field in ("roughness", "metallic", "occlusion", "opacity", "opacity_threshold"):
-            setattr(look, field, getattr(material, field))
-        look.reflection = REFLECTIONS.index(material.reflection)
-        look.gloss = GLOSS_ROLES.index(material.gloss)
-        look.parallax = PARALLAXES.index(material.parallax if material.has_relief else "none")
-        look.parallax_scale, look.parallax_bias = material.parallax_scale, material.parallax_bias
-        for field in TEXTURES:
-            texture = getattr(material, field)
-            if texture is None:
-                setattr(look, field, -1)
-                continue
-            setattr(look, field, len(textures))
+class _TextureTable:
+    """Textures and their pictures' texels, as they go to the device.
+
+    Attributes:
+        textures: in the order in which they were added.
+        texels: linear RGBA of each picture, [texels, 4] float32.
+    """
+
+    def __init__(self):
+        self.textures: list[TextureLook] = []
+        self.texels: list[np.ndarray] = []
+        self._places: dict[tuple, tuple[int, int, int]] = {}  # of each picture: first texel, width, height
+        self._count = 0
+
+    def add(self, texture: Texture, key: tuple, read: Callable[[], Picture]) -> int:
+        """Adds a texture, and its picture unless one with this key is there; returns the texture's index."""
+        if key not in self._places:
+            linear = read().linear()
+            self._places[key] = self._count, linear.shape[1], linear.shape[0]
+            self.texels.append(linear.reshape(-1, 4))
+            self._count += len(self.texels[-1])
+        self.textures.append(_texture_look(texture, *self._places[key]))
+        return len(self.textures) - 1
+
+
+def _material_look(material: Material, table: _TextureTable) -> MaterialLook:
+    """A material as kernels see it; its textures are added to the table."""
+    look = MaterialLook()
+    look.diffuse, look.r0 = wp.vec3(*material.diffuse_color), wp.vec3(*material.fresnel_r0)
+    look.emissive = wp.vec3(*material.emissive_color)
+    for field in ("roughness", "metallic", "occlusion", "opacity", "opacity_threshold"):
+        setattr(look, field, getattr(material, field))
+    look.reflection = REFLECTIONS.index(material.reflection)
+    look.gloss = GLOSS_ROLES.index(material.gloss)
+    look.parallax = PARALLAXES.index(material.parallax if material.has_relief else "none")
+    look.parallax_scale, look.parallax_bias = material.parallax_scale, material.parallax_bias
+    for field in TEXTURES:
+        texture, index = getattr(material, field), -1
+        if texture is not None:
             key = (texture.file, texture.color_space, field in COLOR_TEXTURES)
-            found = pictures.get(key) or place(key, read_texture(material, field))
-            textures.append(_texture_look(texture, *found))
-        if material.procedural is not None:
-            look.diffuse_texture = len(textures)
-            found = place((material.path, "procedural"), make_picture(material.procedural))
-            textures.append(_texture_look(Texture(file="procedural"), *found))
-        looks.append(look)
-    table = Looks()
-    device = launcher.device
-    table.materials = wp.array(looks, dtype=MaterialLook, device=device)
-    table.textures = wp.array(textures or [TextureLook()], dtype=TextureLook, device=device)
-    linear = np.concatenate(texels or [np.zeros((1, 4), np.float32)])
-    table.texels = launcher.array(linear, "textures", dtype=wp.vec4)
-    return table
+            index = table.add(texture, key, partial(read_texture, material, field))
+        setattr(look, field, index)
+    if material.procedural is not None:
+        computed = partial(make_picture, material.procedural)
+        look.diffuse_texture = table.add(Texture(file="procedural"), (material.path, "procedural"), computed)
+    return look
 
 
 def without_coordinates(material: Material, surface: str) -> tuple[Material, tuple[str, ...]]:
