@@ -6,6 +6,7 @@ from pxr import Sdf, Usd, UsdShade
 from results import SET
 
 import warp_smoke as ws
+from warp_smoke.usd.author import author_scene
 from warp_smoke.usd.material import VertexBakeResult
 from warp_smoke.usd.validate import validate_stage
 from warp_smoke.usd.write import write_results
@@ -103,10 +104,6 @@ FAULTS = {
         ),
         "/World/Box.smoke:grids",
     ),
-    "unknown shader input": (
-        lambda stage: UsdShade.Shader.Get(stage, PICTURE).CreateInput("glow", Sdf.ValueTypeNames.Float).Set(1.0),
-        f"{PICTURE}.inputs:glow",
-    ),
     "extent too small": (_set("/World/Floor.extent", [(0, 0, 0), (1, 1, 0)]), "/World/Floor.extent"),
     "wrong type": (
         lambda stage: Sdf.AttributeSpec(
@@ -157,6 +154,27 @@ def test_a_light_may_have_inputs_of_other_renderers(results):
         lamp.CreateAttribute("inputs:glow", Sdf.ValueTypeNames.Float).Set(1.0)
 
     assert ("warning", "/World/Lamp.inputs:glow") in problems_after(results, plant)
+
+
+def test_a_shader_may_have_inputs_of_other_programs(results):
+    """An input that a shader does not know, as Blender gives every material `specular`, is a warning."""
+
+    def plant(stage):
+        UsdShade.Shader.Get(stage, PICTURE).CreateInput("glow", Sdf.ValueTypeNames.Float).Set(1.0)
+
+    found = problems_after(results, plant)
+    assert ("warning", f"{PICTURE}.inputs:glow") in found
+    assert not any(severity == "error" for severity, _ in found)
+
+
+@pytest.mark.skipif(find_spec("usd_validation_nvidia") is None, reason="its rule")
+def test_slow_text_files_are_told_of_the_layer_that_is_one(tmp_path):
+    """A user's large text layer is no problem of the layers that a run wrote over it."""
+    ball = ws.Surface(path="/World/Ball", mesh=ws.Mesh.sphere(segments=64))
+    author_scene(ws.Scene(surfaces=[ball]), tmp_path / "large.usda")
+    root = write_results(tmp_path / "out", "large", ws.Scene.open(tmp_path / "large.usda"))
+    slow = [each for each in validate_stage(root) if each.source == "UsdAsciiPerformanceChecker"]
+    assert [(each.part, each.severity) for each in slow] == [("stage", "warning")]
 
 
 def test_files_without_a_default_are_named(results):

@@ -121,7 +121,8 @@ def _check_inputs(prim: Usd.Prim) -> Iterator[Problem]:
         for attribute in inputs:
             name = attribute.GetName().removeprefix("inputs:")
             if name not in names:
-                yield Problem("error", str(attribute.GetPath()), f"{node.GetIdentifier()} has no such input")
+                text = f"{node.GetIdentifier()} has no such input; most renderers ignore it"
+                yield Problem("warning", str(attribute.GetPath()), text)
             else:
                 yield from _check_allowed(attribute, [value for value, _ in node.GetShaderInput(name).GetOptions()])
     elif prim.HasAPI(UsdLux.LightAPI):

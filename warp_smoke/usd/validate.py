@@ -27,6 +27,8 @@ _STYLE = (
 # What several validators tell, each in words of its own: of a prim, or else of the stage or of a file.
 _OF_A_PRIM = {"extent": re.compile(r"\bextent\b"), "type": re.compile(r'Missing type|of type ""')}
 _OF_ALL = re.compile(r"metersPerUnit|upAxis|(?<=dependency ').*(?=')|(?<=there is no file ).*")
+# The layer that a rule finds slow, which it only tells in its message.
+_SLOW = re.compile(r"(?<=attribute\(s\) in ').*(?=' have)")
 
 
 def validate_stage(path: str | Path) -> list[Problem]:
@@ -154,9 +156,11 @@ def _ask_nvidia(path: Path) -> Iterator[Problem]:
 
     severities = {IssueSeverity.WARNING: "warning", IssueSeverity.INFO: "info"}
     for issue in ValidationEngine().validate(str(path)).issues():
-        where = str(getattr(issue.at, "path", path))
+        message = " ".join(issue.message.split())
+        slow = _SLOW.search(message)
+        where = slow.group() if slow else str(getattr(issue.at, "path", path))
         rule = issue.rule.__name__ if issue.rule else "usd-validation-nvidia"
-        yield Problem(severities.get(issue.severity, "error"), where, " ".join(issue.message.split()), rule)
+        yield Problem(severities.get(issue.severity, "error"), where, message, rule)
 
 
 def _ask_reader(stage: Usd.Stage, path: Path) -> Iterator[Problem]:
