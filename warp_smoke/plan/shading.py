@@ -94,7 +94,7 @@ class _Receiver:
                 self.ledger.omit("bake", (path, bake), "no smoke can shadow it")
             else:
                 kept[bake] = When.FRAME if self._changes(bake, moves, smoky) else When.ONCE
-                self.ledger.keep("bake", (path, bake), kept[bake], f"{bake} texture", f"smoke:bake asks for {bake}")
+                self.ledger.keep("bake", (path, bake), kept[bake], f"{bake} texture", "smoke:bake asks for it")
         return ReceiverPlan(self.surface, kept, tuple(reaching))
 
     def _changes(self, bake: str, moves: bool, smoky: bool) -> bool:
