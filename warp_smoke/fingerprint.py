@@ -4,10 +4,10 @@ import platform
 from dataclasses import fields
 from hashlib import sha256
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 
+from warp_smoke.picture_file import open_picture_file
 from warp_smoke.record import Record
 from warp_smoke.scene import Scene, Texture
 
@@ -69,7 +69,7 @@ def _describe_value(found: dict[str, str], prefix: str, name: str, value: object
     if isinstance(value, Record):
         _describe(found, f"{prefix}{name}.", value)
         if isinstance(value, Texture):
-            found[f"{prefix}{name}.content"] = _content(Path(value.file))
+            found[f"{prefix}{name}.content"] = _content(value.file)
     elif isinstance(value, tuple) and any(isinstance(each, Record) for each in value):
         for number, each in enumerate(value):
             _describe_value(found, prefix, f"{name}[{number}]", each)
@@ -80,8 +80,9 @@ def _describe_value(found: dict[str, str], prefix: str, name: str, value: object
         found[prefix + name] = repr(value)
 
 
-def _content(file: Path) -> str:
+def _content(file: str) -> str:
     try:
-        return sha256(file.read_bytes()).hexdigest()[:16]
+        with open_picture_file(file) as opened:
+            return sha256(opened.read()).hexdigest()[:16]
     except OSError as error:  # the bake says what it wants of it
         return type(error).__name__

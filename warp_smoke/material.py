@@ -29,7 +29,7 @@ class Texture(Record):
     """A picture on a surface (USD: `UsdUVTexture`, its coordinates through a `UsdTransform2d`).
 
     Attributes:
-        file: absolute path.
+        file: absolute path, of a file within a `.usdz` package as `PACKAGE[FILE]`.
         wrap_s, wrap_t: repeat, clamp, mirror or black.
         color_space: of the file: sRGB, raw, or auto (sRGB for 8-bit colour that is seen, raw for all else).
         scale, bias: value = file · scale + bias, RGBA.

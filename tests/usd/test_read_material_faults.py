@@ -82,8 +82,7 @@ def test_a_binding_to_nothing_is_warned_of(tmp_path):
         ),
         (
             texture("asset inputs:file = @./picture.<UDIM>.png@"),
-            "/World/M/T: inputs:file is ./picture.<UDIM>.png: tiles (UDIM) and files inside .usdz are not supported; "
-            "it is left out",
+            "/World/M/T: inputs:file is ./picture.<UDIM>.png: tiles (UDIM) are not supported; it is left out",
         ),
         (
             (

@@ -8,6 +8,7 @@ from PIL import Image
 
 from warp_smoke.fluid.eddies import place_eddies
 from warp_smoke.material import TEXTURES, Material
+from warp_smoke.picture_file import open_picture_file
 from warp_smoke.plan.passes import DepthPlan, DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan, VolumePlan
 from warp_smoke.plan.reach import is_moving
 from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, DistantLight, Emitter, Light, Scene
@@ -147,7 +148,7 @@ def _picture_bytes(materials: tuple[Material, ...]) -> int:
     textures = [getattr(each, field) for each in materials for field in TEXTURES]
     for file in {texture.file for texture in textures if texture}:
         try:
-            with Image.open(file) as image:
+            with open_picture_file(file) as opened, Image.open(opened) as image:
                 texels += image.width * image.height
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
             continue

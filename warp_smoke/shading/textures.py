@@ -1,13 +1,14 @@
 """Pictures on surfaces: read from files as codes, and what the codes mean in linear light."""
 
 from dataclasses import dataclass
-from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from PIL import Image
 
 from warp_smoke.deep_png import decode_deep_png
 from warp_smoke.material import COLOR_TEXTURES
+from warp_smoke.picture_file import open_picture_file
 from warp_smoke.record import FieldError
 from warp_smoke.scene import Material
 from warp_smoke.shading.srgb import decode_srgb
@@ -32,16 +33,16 @@ class Picture:
         """Reads a picture of 8 bits, of 16-bit grey, or a PNG of 16-bit colour.
 
         Args:
-            file: in any format that Pillow reads.
+            file: in any format that Pillow reads, also one within a `.usdz` package: `PACKAGE[FILE]`.
             color_space: sRGB, raw, or auto: sRGB for 8-bit colour, raw for grey and for 16 bits.
 
         Raises:
             OSError: the file is missing, damaged, or not such a picture.
         """
         try:
-            with Image.open(file) as image:
+            with open_picture_file(file) as opened, Image.open(opened) as image:
                 deep = image.mode.startswith("I;16") or any(";16" in str(tile.args) for tile in image.tile)
-                codes, alpha = _read_deep(image, file) if deep else _read_codes(image)
+                codes, alpha = _read_deep(image, opened) if deep else _read_codes(image)
         except (SyntaxError, ValueError, Image.DecompressionBombError) as error:  # some damaged files; too large ones
             raise OSError(str(error)) from None
         levels = np.linspace(0.0, 1.0, 65536 if codes.dtype == np.uint16 else 256)
@@ -69,13 +70,14 @@ def _read_codes(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
     return codes.reshape(*codes.shape[:2], -1), alpha
 
 
-def _read_deep(image: Image.Image, file: str) -> tuple[np.ndarray, np.ndarray | None]:
+def _read_deep(image: Image.Image, file: BinaryIO) -> tuple[np.ndarray, np.ndarray | None]:
     """Codes of 16 bits [h, w, 1 or 3], and alpha [h, w]; of colour Pillow would keep the upper 8 bits."""
     if image.mode.startswith("I;16"):
         return np.asarray(image).astype(np.uint16)[..., None], None
     if image.format != "PNG":
         raise OSError(f"16-bit colour in {image.format}; it is read from PNG")
-    pixels = decode_deep_png(Path(file).read_bytes())
+    file.seek(0)
+    pixels = decode_deep_png(file.read())
     colors = pixels.shape[2] - 1 + pixels.shape[2] % 2
     return pixels[..., :colors], pixels[..., colors] if colors < pixels.shape[2] else None
 

@@ -5,7 +5,7 @@ Where none is bound, the display colour stands in.
 """
 
 import numpy as np
-from pxr import Ar, Sdf, Usd, UsdGeom, UsdShade
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from warp_smoke.geometry import Mesh
 from warp_smoke.record import finite, positive
@@ -230,9 +230,8 @@ class MaterialReader:
         asset = self._reader.still(file) if file else None
         if not asset or not asset.path:
             raise self._reader.error(prim.GetPath(), "inputs:file", "unset", "a picture")
-        if "<UDIM>" in asset.path or Ar.IsPackageRelativePath(asset.resolvedPath):
-            text = f"inputs:file is {asset.path}: tiles (UDIM) and files inside .usdz are not supported; it is left out"
-            self._reader.warn(prim, text)
+        if "<UDIM>" in asset.path:
+            self._reader.warn(prim, f"inputs:file is {asset.path}: tiles (UDIM) are not supported; it is left out")
             return None
         if not asset.resolvedPath:
             raise self._reader.error(prim.GetPath(), "inputs:file", f"@{asset.path}@", "a file that exists")

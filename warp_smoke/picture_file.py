@@ -1,0 +1,39 @@
+"""Files of pictures, alone or within a `.usdz` package."""
+
+import errno
+import os
+import re
+import zlib
+from io import BytesIO
+from typing import BinaryIO
+from zipfile import BadZipFile, ZipFile
+
+# As USD writes it.
+_PACKAGED = re.compile(r"(?P<package>.*\.usdz)\[(?P<name>.*)\]", re.DOTALL)
+
+
+def open_picture_file(path: str) -> BinaryIO:
+    """Opens a file for reading.
+
+    Args:
+        path: of a file, or `PACKAGE[FILE]`.
+
+    Raises:
+        OSError: it is not there, or the package is damaged.
+    """
+    packaged = _PACKAGED.fullmatch(path)
+    if not packaged:
+        return open(path, "rb")
+    try:
+        with ZipFile(packaged["package"]) as package:
+            return BytesIO(package.read(packaged["name"]))
+    except KeyError:
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), path) from None
+    except (
+        BadZipFile,
+        EOFError,
+        NotImplementedError,
+        RuntimeError,
+        zlib.error,
+    ) as error:  # also of what is not meant to be in it
+        raise OSError(errno.EIO, f"a damaged package: {error}", path) from None
