@@ -84,8 +84,8 @@ ELSEWHERE = {
 HEAD = """# Hard cases
 
 What must hold where simulations and shadows usually break, each line a test, and the worst figure over all variants.
-Written by `scripts/stability.py` from the run of these tests; a figure of 0 is exact. What a run does that is stopped,
-killed or out of disk is on [a page of its own](long_runs.md).
+Written by `scripts/stability.py` from the run of these tests; a figure of 0 is exact. What happens to a run that is
+stopped, killed or out of disk is on [a page of its own](long_runs.md).
 """
 
 

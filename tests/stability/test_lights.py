@@ -37,8 +37,19 @@ DIRECTIONS = {
 
 
 def lit_by(*lights: ws.Light) -> ws.Scene:
-    """The scene under other lights, for two frames."""
-    return replace(small_plume(12), lights=lights, end=2)
+    """The scene under other lights, for two frames; the cube is baked at its corners too.
+
+    Values at points are float32: in a picture NaN would be black, and infinite light white.
+    """
+    scene = small_plume(12)
+    floor, cube = scene.surfaces
+    return replace(scene, surfaces=[floor, baked_at_points(cube)], lights=lights, end=2)
+
+
+def baked_at_points(surface: ws.Surface) -> ws.Surface:
+    """The surface with every bake of its light as values at its points."""
+    receiver = ws.Receiver(path=surface.path, bake=("lit", "irradiance", "visibility", "smokeShadow"))
+    return replace(surface, mesh=replace(surface.mesh, uvs=None), receiver=receiver)
 
 
 @pytest.mark.parametrize("place", POSITIONS)
@@ -93,11 +104,21 @@ def test_overhead_light_is_even(record_property):
 
 
 @pytest.mark.parametrize("model", FALLOFF_MODELS)
-def test_light_in_the_floor_is_bounded(model):
-    """A light of any falloff in the middle of a texel: no infinite light, and the floor next to it is lit."""
+@pytest.mark.parametrize("height", [0.0, 1e-6, 1e-3])
+def test_light_in_the_floor_is_bounded(model, height):
+    """A light of any falloff on a point of the floor, or just above it: finite; the rest is lit from above alone."""
     fields = {"falloff_model": model, "falloff_end": 10.0, "radius": 0.0, "shadow_enable": False}
-    lamp = ws.PointLight(path="/World/Lamp", transform=at(0.25, 1e-6, 0.25), **fields)
-    check_finite(simulate(lit_by(lamp))[1])
+    lamp = ws.PointLight(path="/World/Lamp", transform=at(0.0, height, 0.0), **fields)
+    mesh = ws.Mesh.grid((-3, 0, 3), (6, 0, 0), (0, 0, -6), 12)
+    floor = baked_at_points(ws.Surface(path="/World/Floor", mesh=mesh))
+    scene = replace(lit_by(lamp), domains=[], emitters=[], surfaces=[floor], end=1)
+    _, frames = simulate(scene)
+    check_finite(frames)
+    around = frames[0].pictures["/World/Floor", "irradiance"][np.any(mesh.points != 0.0, axis=1)]
+    if height > 0.0:
+        assert around.min() > 0.0
+    else:
+        assert around.max() == 0.0  # a light in the plane of the floor is seen from none of its other points
 
 
 @pytest.mark.parametrize("method", SMOKE_SHADOWS)
