@@ -185,7 +185,7 @@ ALLOWED = {
     ws.DistantLight: LIGHT | {"transform": straight, "angle": st.just(0.0) | powers(-3, 2)},
     ws.Camera: {
         "transform": placements,
-        "focal_length": powers(-9, 6),
+        "focal_length": _over_time(powers(-9, 6)),
         "horizontal_aperture": powers(-9, 6),
         "vertical_aperture": powers(-9, 6),
         "horizontal_offset": signed,

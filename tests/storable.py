@@ -222,10 +222,10 @@ directions = {"color_space": "raw", "scale": (2.0, 2.0, 2.0, 1.0), "bias": (-1.0
 
 camera_fields = optional(
     transform=transforms,
-    focal_length=positive,
-    horizontal_aperture=positive,
+    focal_length=positive | changing(positive),
+    horizontal_aperture=positive | changing(positive),
     vertical_aperture=positive,
-    horizontal_offset=numbers(),
+    horizontal_offset=numbers() | changing(numbers()),
     vertical_offset=numbers(),
     near=numbers(),
     far=positive,

@@ -1,5 +1,7 @@
 """The picture is the one that the stage's camera takes: against USD's own camera, and as drawn."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import pyvista as pv
@@ -9,6 +11,8 @@ from scenes import at
 import warp_smoke as ws
 from warp_smoke.preview.camera import camera_view, framed_view
 from warp_smoke.preview.view import look_from
+from warp_smoke.record import Samples
+from warp_smoke.shading.view import camera_view as ray_view
 
 SIZES = [(160, 120), (200, 80), (80, 160)]
 POINTS = np.array([(0.0, 0.0, 0.0), (0.7, 0.4, 0.2), (-0.8, 0.3, -0.5), (0.5, -0.6, 0.6), (-0.4, -0.5, 0.1)])
@@ -89,3 +93,18 @@ def test_level_camera_looks_ahead():
     np.testing.assert_allclose(view.position, [1, 2, 3])
     np.testing.assert_allclose(view.target, [1, 2, -1])
     np.testing.assert_allclose(view.up, [0, 1, 0])
+
+
+def test_a_zoom_is_seen_in_both_pictures():
+    """With numbers of the lens that change, preview and picture see at each time what a still camera sees."""
+    zoom = replace(
+        _posed(),
+        focal_length=Samples([1, 3], [20.0, 50.0]),
+        horizontal_aperture=Samples([1, 3], [30.0, 18.0]),
+        vertical_offset=Samples([1, 3], [-2.0, 0.0]),
+    )
+    still = replace(_posed(), focal_length=35.0, horizontal_aperture=24.0, vertical_offset=-1.0)
+    seen, expected = (camera_view(camera, 2.0, 1.5, 5.0) for camera in (zoom, still))
+    assert (seen.angle, seen.shift) == (expected.angle, expected.shift)
+    cast, rays = (ray_view(camera, np.zeros(3), 2.0, 30, 20) for camera in (zoom, still))
+    assert all(getattr(cast, name) == getattr(rays, name) for name in ("start", "across", "down"))

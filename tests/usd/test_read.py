@@ -193,6 +193,22 @@ def test_instances_and_references_are_followed(tmp_path):
     assert scene.surfaces[0].mesh == Mesh.sphere(2.0)
 
 
+def test_zoom_and_shift_of_a_camera(tmp_path):
+    """Each number of the lens may change in time, as by a zoom that is keyframed."""
+    scene = scene_of(
+        tmp_path,
+        """def Camera "Eye" {
+        float focalLength.timeSamples = { 1: 20, 3: 40 }
+        float horizontalAperture = 20
+        float verticalAperture = 10
+        float horizontalApertureOffset.timeSamples = { 1: 0, 3: 4 } }""",
+    )
+    assert scene.warnings == ()
+    assert scene.camera.focal_length == Samples([1, 3], [20.0, 40.0])
+    assert scene.camera.lens_at(1) == (1.0, 0.5, 0.0, 0.0)
+    assert scene.camera.lens_at(2) == pytest.approx((20 / 30, 10 / 30, 2 / 30, 0.0))
+
+
 def test_first_camera_under_the_default_prim(tmp_path):
     """The camera is the default prim's first, which is said; one elsewhere is taken only if there is no other."""
     other = '\ndef Camera "Aside" { float focalLength = 10 }\n'.replace(" }", "\n}")

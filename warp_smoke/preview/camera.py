@@ -40,17 +40,14 @@ def camera_view(camera: Camera, time: float, aspect: float, distance: float) -> 
     """
     matrix = camera.transform_at(time)
     up, backward = normalized(matrix[1:3, :3])
-    # 2 · tangent · focal length: the height of film that the picture covers.
-    height = max(camera.vertical_aperture, camera.horizontal_aperture / aspect)
+    horizontal, vertical, *offset = camera.lens_at(time)
+    height = max(vertical, horizontal / aspect)  # of film that the picture covers, in focal lengths
     return View(
         position=matrix[3, :3],
         target=matrix[3, :3] - distance * backward,
         up=up,
-        angle=float(np.degrees(2 * np.arctan(0.5 * height / camera.focal_length))),
-        shift=(
-            2 * camera.horizontal_offset / (height * aspect),
-            2 * camera.vertical_offset / height,
-        ),
+        angle=float(np.degrees(2 * np.arctan(0.5 * height))),
+        shift=(2 * offset[0] / (height * aspect), 2 * offset[1] / height),
     )
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from warp_smoke.record import VAST, finite, positive
+from warp_smoke.record import VAST, Samples, finite, positive, value_at
 from warp_smoke.scene.prim import Prim
 
 
@@ -11,16 +11,17 @@ class Camera(Prim):
     """A camera looking along its −Z axis (USD: `UsdGeomCamera`).
 
     Attributes:
-        focal_length, horizontal_aperture, vertical_aperture: in one unit, whichever it is.
-        horizontal_offset, vertical_offset: of the aperture from the axis, to the right and up, in the same unit.
+        focal_length, horizontal_aperture, vertical_aperture: in one unit, whichever it is; may change.
+        horizontal_offset, vertical_offset: of the aperture from the axis, to the right and up, in the same unit;
+            may change.
         near, far: distances along the axis between which something is seen [stage units].
     """
 
-    focal_length: float = 50.0
-    horizontal_aperture: float = 20.955
-    vertical_aperture: float = 15.2908
-    horizontal_offset: float = 0.0
-    vertical_offset: float = 0.0
+    focal_length: float | Samples = 50.0
+    horizontal_aperture: float | Samples = 20.955
+    vertical_aperture: float | Samples = 15.2908
+    horizontal_offset: float | Samples = 0.0
+    vertical_offset: float | Samples = 0.0
     near: float = 1.0
     far: float = 1e6
 
@@ -29,3 +30,9 @@ class Camera(Prim):
         self._check(positive, "focal_length", "horizontal_aperture", "vertical_aperture")
         self._check(positive, "far", largest=VAST)
         self._check(finite, "horizontal_offset", "vertical_offset", "near")
+
+    def lens_at(self, time: float) -> tuple[float, float, float, float]:
+        """Horizontal and vertical aperture, and their offsets, in focal lengths."""
+        apertures = (self.horizontal_aperture, self.vertical_aperture, self.horizontal_offset, self.vertical_offset)
+        focal_length = float(value_at(self.focal_length, time))
+        return tuple(float(value_at(each, time)) / focal_length for each in apertures)

@@ -38,8 +38,8 @@ def camera_view(camera: Camera, origin: np.ndarray, time: float, width: int, hei
     """
     matrix = camera.transform_at(time)
     axes = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=1, keepdims=True)
-    pixel = max(camera.vertical_aperture / height, camera.horizontal_aperture / width) / camera.focal_length
-    offset = np.array([camera.horizontal_offset, camera.vertical_offset]) / camera.focal_length
+    horizontal, vertical, *offset = camera.lens_at(time)
+    pixel = max(vertical / height, horizontal / width)
     view = View()
     view.eye = wp.vec3(*(matrix[3, :3] - origin))
     view.axis = wp.vec3(*-axes[2])

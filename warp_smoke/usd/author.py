@@ -26,7 +26,7 @@ from warp_smoke.scene import (
 from warp_smoke.usd.author_light import author_light
 from warp_smoke.usd.author_material import author_material
 from warp_smoke.usd.author_mesh import author_points, author_shape, author_surface
-from warp_smoke.usd.author_prim import author_smoke_fields, author_transform
+from warp_smoke.usd.author_prim import author_smoke_fields, author_transform, set_value
 from warp_smoke.usd.names import CAMERA
 from warp_smoke.usd.prims import free_path
 from warp_smoke.usd.schema import register_schema
@@ -141,6 +141,6 @@ def _author_domain(stage: Usd.Stage, domain: SmokeDomain) -> None:
 def _author_camera(stage: Usd.Stage, camera: Camera) -> None:
     prim = UsdGeom.Camera.Define(stage, camera.path).GetPrim()
     for field, name in CAMERA.items():
-        prim.GetAttribute(name).Set(getattr(camera, field))
+        set_value(prim.GetAttribute(name), getattr(camera, field))
     prim.GetAttribute("clippingRange").Set((camera.near, camera.far))
     author_transform(prim, camera)

@@ -9,7 +9,7 @@ from warp_smoke.usd.reader import StageReader
 
 
 def read_camera(reader: StageReader, prim: Usd.Prim) -> Camera:
-    """A camera, its lens as at the start.
+    """A camera.
 
     Raises:
         ValueError: one line naming file, prim and attribute.
@@ -18,6 +18,6 @@ def read_camera(reader: StageReader, prim: Usd.Prim) -> Camera:
         reader.warn(prim, "orthographic cameras are not supported; it is used as a perspective one")
     names = CAMERA | {"near": "clippingRange", "far": "clippingRange", "transform": TRANSFORM}
     with reader.naming(prim.GetPath(), names):
-        lens = {field: reader.still(prim.GetAttribute(attribute)) for field, attribute in CAMERA.items()}
+        lens = {field: reader.changing(prim.GetAttribute(attribute)) for field, attribute in CAMERA.items()}
         near, far = finite(str(prim.GetPath()), "near", reader.still(prim.GetAttribute("clippingRange")), (2,), VAST)
         return Camera(path=reader.path(prim), transform=reader.transform(prim), near=near, far=far, **lens)
