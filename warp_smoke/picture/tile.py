@@ -147,7 +147,7 @@ class Tile:
         """Follows the rays from `start` to the next surfaces, and writes their light."""
         launcher, count = self._launcher, self._count
         points, detail, hits, color = self._points, self._detail, layer.hits, layer.color
-        cast_rays(launcher, count, placed.mesh.id, placed.looks, view, *place, placed.table, start, points, hits)
+        cast_rays(launcher, count, placed.mesh, placed.looks, view, place, placed.table, start, points, hits)
         if placed.corners is None:
             look_up_detail(launcher, count, placed.looks, points, placed.eye, placed.ambient, detail)
             color.assign(detail.unlit)
@@ -155,7 +155,7 @@ class Tile:
             interpolate_corners(launcher, count, hits, placed.corners.unlit, placed.ambient, color)
         for index, light in enumerate(placed.lights):
             light.shadow(points, self._visibility)
-            receive_light(launcher, count, hits.triangle, placed.table.surface, light.takes, self._visibility)
+            receive_light(launcher, count, hits, placed.table, light.takes, self._visibility)
             if placed.corners is None:
                 args = (placed.looks, points, detail, placed.eye, self._radiance, self._visibility)
                 shade_light(launcher, count, light.source, *args)
@@ -163,5 +163,5 @@ class Tile:
                 args = (hits, placed.corners.radiance[index], wp.vec3(0.0), self._radiance)
                 interpolate_corners(launcher, count, *args)
             args = (self._radiance, self._visibility, light.through(points.positions))
-            add_light(launcher, count, *args, hits.triangle, placed.table.surface, light.takes, color)
-        show_background(launcher, count, hits.triangle, placed.ambient, color)
+            add_light(launcher, count, *args, hits, placed.table, light.takes, color)
+        show_background(launcher, count, hits, placed.ambient, color)

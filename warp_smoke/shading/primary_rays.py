@@ -253,46 +253,100 @@ def _encode(rows: Rows, mean: wp.array[wp.vec3], srgb: SrgbTable, codes_out: wp.
         codes_out[p, channel] = wp.uint8(encode_srgb(srgb, mean[p][channel]))
 
 
-def cast_rays(launcher: Launcher, count: int, *args) -> None:
-    """Casts a ray for each pixel: mesh id, looks, view, place in the pixel (x, y), table, passed, points, hits."""
+def cast_rays(
+    launcher: Launcher,
+    count: int,
+    mesh: wp.Mesh,
+    looks: Looks,
+    view: View,
+    place: tuple[float, float],
+    table: TriangleTable,
+    passed: wp.array,
+    points_out: SurfacePoints,
+    hits_out: Hits,
+) -> None:
+    """Casts a ray for each pixel.
+
+    Args:
+        launcher: where to compute.
+        count: number of pixels n.
+        mesh: the triangles in set space.
+        looks: their materials.
+        view: from where.
+        place: of the ray in the pixel, (x, y).
+        table: what is interpolated over the triangles.
+        passed: distance that each ray begins beyond, negative for none at all, [n].
+        points_out: what the rays meet.
+        hits_out: where.
+    """
+    args = (mesh.id, looks, view, *place, table, passed, points_out, hits_out)
     launcher.launch_each(_cast_rays, count, *args)
 
 
-def pass_surfaces(launcher: Launcher, count: int, *args) -> None:
-    """Finds the rays that go on behind what they hit: hits, passed."""
-    launcher.launch_each(_pass_surfaces, count, *args)
+def pass_surfaces(launcher: Launcher, count: int, hits: Hits, passed_out: wp.array) -> None:
+    """Writes how far the rays come that go on behind what they hit, −1 for the others, [n]."""
+    launcher.launch_each(_pass_surfaces, count, hits, passed_out)
 
 
-def blend_behind(launcher: Launcher, count: int, *args) -> None:
-    """Puts what is seen through surfaces behind their colour: hits, passed, behind, colour."""
-    launcher.launch_each(_blend_behind, count, *args)
+def blend_behind(
+    launcher: Launcher, count: int, hits: Hits, passed: wp.array, behind: wp.array, color_inout: wp.array
+) -> None:
+    """Puts what rays see behind surfaces, [n] vec3, below the surfaces' colour, [n] vec3."""
+    launcher.launch_each(_blend_behind, count, hits, passed, behind, color_inout)
 
 
-def receive_light(launcher: Launcher, count: int, *args) -> None:
-    """Lets surfaces ignore a light, or its shadows by surfaces: triangle, surface, takes, visibility."""
-    launcher.launch_each(_receive_light, count, *args)
+def receive_light(
+    launcher: Launcher, count: int, hits: Hits, table: TriangleTable, takes: wp.array, visibility_inout: wp.array
+) -> None:
+    """Lets surfaces ignore a light, or its shadows by surfaces; visibility [n]; takes as those of a `PictureLight`."""
+    launcher.launch_each(_receive_light, count, hits.triangle, table.surface, takes, visibility_inout)
 
 
-def add_light(launcher: Launcher, count: int, *args) -> None:
-    """Adds one light: radiance, visibility, transmittance, triangle, surface, takes, and the colour it adds to."""
+def add_light(
+    launcher: Launcher,
+    count: int,
+    radiance: wp.array,
+    visibility: wp.array,
+    transmittance: wp.array,
+    hits: Hits,
+    table: TriangleTable,
+    takes: wp.array,
+    color_inout: wp.array,
+) -> None:
+    """Adds one light.
+
+    Args:
+        launcher: where to compute.
+        count: number of pixels n.
+        radiance: of the light without shadows, linear RGB [n] vec3.
+        visibility: share that passes surfaces, [n].
+        transmittance: share that passes smoke, [1 or 3, n].
+        hits: what the pixels show.
+        table: of the triangles.
+        takes: which shadows count on each surface, as those of a `PictureLight`.
+        color_inout: the sum, [n] vec3.
+    """
+    args = (radiance, visibility, transmittance, hits.triangle, table.surface, takes, color_inout)
     launcher.launch_each(_add_light, count, *args)
 
 
-def interpolate_corners(launcher: Launcher, count: int, *args) -> None:
-    """Brings values at the triangles' corners to the pixels: hits, values, value of a miss, out."""
-    launcher.launch_each(_interpolate, count, *args)
+def interpolate_corners(
+    launcher: Launcher, count: int, hits: Hits, at_corners: wp.array, missing: wp.vec3, at_pixels_out: wp.array
+) -> None:
+    """Brings values at the corners of all triangles, [3 m] vec3, to the pixels, [n] vec3; `missing` where none is."""
+    launcher.launch_each(_interpolate, count, hits, at_corners, missing, at_pixels_out)
 
 
-def show_background(launcher: Launcher, count: int, *args) -> None:
-    """Writes the background where nothing was hit: triangle, background, colour."""
-    launcher.launch_each(_show_background, count, *args)
+def show_background(launcher: Launcher, count: int, hits: Hits, background: wp.vec3, color_inout: wp.array) -> None:
+    """Writes the background where nothing was hit."""
+    launcher.launch_each(_show_background, count, hits.triangle, background, color_inout)
 
 
-def add_sample(launcher: Launcher, count: int, *args) -> None:
-    """Adds a sample to the mean: colour, its share, mean."""
-    launcher.launch_each(_add_sample, count, *args)
+def add_sample(launcher: Launcher, count: int, color: wp.array, share: float, mean_inout: wp.array) -> None:
+    """Adds a share of a sample's colours [n] to their mean."""
+    launcher.launch_each(_add_sample, count, color, share, mean_inout)
 
 
-def encode_picture(launcher: Launcher, count: int, *args) -> None:
-    """Writes sRGB codes: mean, table, codes."""
-    launcher.launch_each(_encode, count, *args)
+def encode_picture(launcher: Launcher, count: int, mean: wp.array, srgb: SrgbTable, codes_out: wp.array) -> None:
+    """Writes the sRGB codes of linear colours, [n, 3] uint8."""
+    launcher.launch_each(_encode, count, mean, srgb, codes_out)
