@@ -23,6 +23,7 @@ from warp_smoke.scene import (
     SMOKE_PROJECTIONS,
     SMOKE_SHADOWS,
     SOURCES,
+    SURFACE_BAKES,
 )
 
 
@@ -201,7 +202,13 @@ ALLOWED = {
     },
 }
 _FLOOR = floor(2.0, texture_size=8)
-_CUBE = ws.Surface(path="/World/Cube", mesh=ws.Mesh.box(0.3), transform=at(0.6, 1.5, 0.0))
+# Without texture coordinates it is baked at its points, as float32: in a picture NaN would be black.
+_CUBE = ws.Surface(
+    path="/World/Cube",
+    mesh=replace(ws.Mesh.box(0.3), uvs=None),
+    transform=at(0.6, 1.5, 0.0),
+    receiver=ws.Receiver(path="/World/Cube", bake=SURFACE_BAKES),
+)
 _BALL = ws.Collider(path="/World/Ball", mesh=ws.Mesh.sphere(0.3, 8), transform=at(0.0, 1.2, 0.0))
 _SMOKE = ws.SmokeDomain(path="/World/Smoke", transform=at(0.0, 1.0, 0.0), resolution=5)
 _SOURCE = ws.Emitter(path="/World/Source", mesh=ws.Mesh.sphere(0.4, 8), transform=at(0.0, 0.5, 0.0))
