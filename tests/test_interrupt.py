@@ -93,7 +93,7 @@ def test_stops_between_frames(shot, out, number):
     lines = err.splitlines()
     frame = read_checkpoint(out / "shot.checkpoint").frame
     assert lines == [
-        "Stopping after the frame in hand; once more stops at once.",
+        "Stopping after the current frame; a second signal stops at once.",
         f"Stopped after frame {frame} of 24; --resume goes on from there.",
     ]
     assert len(list((out / "volumes").iterdir())) == frame >= 4

@@ -49,7 +49,7 @@ class Interruption:
     def _note(self, number: int, frame: FrameType | None) -> None:
         if self.signal is None:
             self.signal = number
-            _log.warning("Stopping after the frame in hand; once more stops at once.")
+            _log.warning("Stopping after the current frame; a second signal stops at once.")
         else:
             self.__exit__()
             signal.raise_signal(number)

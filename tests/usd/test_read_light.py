@@ -204,7 +204,7 @@ def test_uneven_pictures_of_dome_lights_are_told(tmp_path):
     Image.fromarray(sky).save(tmp_path / "sky.png")
     scene = scene_of(tmp_path, DOME % (2, PICTURE))
     assert np.allclose(scene.ambient, (1, 1, 0.5))
-    assert scene.warnings == ("/World/L: of inputs:texture:file the mean colour is used, as light from everywhere",)
+    assert scene.warnings == ("/World/L: the mean colour of inputs:texture:file is used, as light from everywhere",)
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,7 @@ def _choose_sources(smoke: _Smoke) -> Iterator[_Choice]:
     yield _Choice("blow_wind", smoke.is_windy, why, why_not, "velocity")
     partial = [each for each in emitters if isinstance(each, Emitter) and each.is_partial]
     why = f"{_paths(partial)} makes smoke by noise or in its surface"
-    why_not = "all emitters make smoke evenly in all their inside"
+    why_not = "every emitter makes smoke evenly throughout its inside"
     yield _Choice("vary_emission", partial, why, why_not, "shares of cells")
     from_arrays = "arrays" if any(isinstance(each, ArrayEmitter) for each in emitters) else ""
     yield _Choice("emit_density", True, f"{_paths(emitters)} makes smoke", "", "density", from_arrays)
@@ -251,7 +251,7 @@ def _diffusion_solver(domain: SmokeDomain, colliders: tuple[Collider | ArrayColl
     """The solver, and why it is taken."""
     solver = domain.diffusion_solver
     if solver is None and colliders:
-        return "jacobi", f"jacobi knows {_paths(colliders)}"
+        return "jacobi", f"jacobi takes {_paths(colliders)} into account"
     if solver is None:
         return "spectral", "spectral is exact where no collider is in the domain"
     if solver == "spectral" and colliders:

@@ -74,7 +74,7 @@ class Plan:
     def memory(self) -> str:
         """The estimates in a line."""
         device, host = (sum(each.values()) / 2**20 for each in (self.bytes, self.host_bytes))
-        return f"Memory, estimated: {device:.0f} MiB on the device and {host:.0f} MiB for files in hand"
+        return f"Memory, estimated: {device:.0f} MiB on the device, {host:.0f} MiB for results waiting to be written"
 
     @property
     def host_bytes(self) -> dict[str, int]:

@@ -122,7 +122,7 @@ def _read_sky(reader: StageReader, prim: Usd.Prim) -> np.ndarray:
     except OSError as error:
         raise reader.error(prim.GetPath(), name, f"{asset.path} ({error})", "a picture that can be read") from None
     if not even:
-        reader.warn(prim, f"of {name} the mean colour is used, as light from everywhere")
+        reader.warn(prim, f"the mean colour of {name} is used, as light from everywhere")
     return mean
 
 
