@@ -290,3 +290,20 @@ def test_warnings_are_printed_as_they_are(capfd):
     text = "/World/Mesh.primvars:Bone: inputs:file is ./[/red][bold].png"
     warn([text])
     assert capfd.readouterr().err == f"warning {text}\n"
+
+
+def test_what_is_wrong_with_a_stage_is_told_once(warp_smoke, tmp_path):
+    """A reference to itself, as Blender exports an instance in a curve, is one line, and USD prints none of its own."""
+    text = (STAGES / "smoke_only.usda").read_text()
+    ring = 'def Xform "Ring"\n{\ndef Xform "Copy" (\nreferences = </World/Ring>\n)\n{\n}\n}\n'
+    end = text.rindex("}")
+    (tmp_path / "shot.usda").write_text(text[:end] + ring + text[end:])
+    options = ("--resolution", 8, "--frames", "1:1", "--flatten", "--usdz", "--volume-shader", "karma")
+    for command, lines in (
+        (("run", "shot.usda", *options), 1),
+        (("render", "out/shot", "-o", "a.png", "--size", "8x8"), 1),
+        (("preview", "out/shot", "--screenshot", "b.png", "--size", "32x32"), 0),
+    ):
+        status, _, err = warp_smoke(*command)
+        assert status == 0
+        assert err.count("\n") == err.count("warning /World/Ring/Copy: Cycle detected") == lines

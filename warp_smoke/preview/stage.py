@@ -18,6 +18,7 @@ from warp_smoke.scene import Light, SmokeDomain
 from warp_smoke.shading.textures import Picture
 from warp_smoke.usd.find import find_stage
 from warp_smoke.usd.own_look import open_in_own_look
+from warp_smoke.usd.quiet import usd_kept_quiet
 from warp_smoke.usd.read import usd_message
 from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP, GRID_NAMES
 
@@ -65,7 +66,8 @@ class PreviewStage:
         file = self._file = find_stage(path)
         # What bakes show is read from the stage itself, materials from the look that the user gave it.
         _, self.scene = open_in_own_look(file)
-        stage = self._stage = Usd.Stage.Open(str(file))
+        with usd_kept_quiet():
+            stage = self._stage = Usd.Stage.Open(str(file))
         self._times = _file_times(stage)
         self.lights, self.ambient = lights_of(self.scene)
         self._domains = {domain.path: domain for domain in self.scene.domains}

@@ -8,6 +8,7 @@ from zipfile import ZipFile
 from pxr import Ar, Sdf, Tf, Usd, UsdUtils, UsdVol
 
 from warp_smoke.native_words import leaving_out
+from warp_smoke.usd.quiet import usd_kept_quiet
 from warp_smoke.usd.write import replacing_layer
 
 FOLDERS = ("volumes", "textures")
@@ -27,7 +28,8 @@ def flatten_stage(stage: Path, file: Path) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
-    flat = Usd.Stage.Open(str(stage)).Flatten(False)
+    with usd_kept_quiet():
+        flat = Usd.Stage.Open(str(stage)).Flatten(False)
     _name_relative_to(flat, file.parent)
     with replacing_layer(file) as partial:
         flat.Export(str(partial))
@@ -44,8 +46,9 @@ def package_stage(stage: Path, file: Path) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
-    opened = Usd.Stage.Open(str(stage), Usd.Stage.LoadAll)
-    without_volumes = Usd.Stage.Open(opened.Flatten(False))
+    with usd_kept_quiet():
+        opened = Usd.Stage.Open(str(stage), Usd.Stage.LoadAll)
+        without_volumes = Usd.Stage.Open(opened.Flatten(False))
     for prim in list(without_volumes.TraverseAll()):
         if prim and (prim.IsA(UsdVol.Volume) or prim.IsA(UsdVol.FieldBase)):
             without_volumes.RemovePrim(prim.GetPath())

@@ -7,9 +7,11 @@ from pxr import Sdf, Usd
 from warp_smoke.scene import Scene
 from warp_smoke.usd.find import find_stage
 from warp_smoke.usd.material import OWN_LOOK, VARIANT_SET
+from warp_smoke.usd.quiet import usd_kept_quiet
 from warp_smoke.usd.read import read_scene, read_stage
 
 
+@usd_kept_quiet()
 def open_in_own_look(path: str | Path) -> tuple[Usd.Stage, Scene]:
     """A stage, or the one that a run wrote into a folder, with the look that it had before the bake.
 

@@ -5,17 +5,17 @@ What is read, and what is left as it is with a warning, stands with each kind of
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pxr import Pcp, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdUtils
+from pxr import Pcp, Sdf, Tf, Usd, UsdGeom, UsdLux
 
 from warp_smoke.geometry import Mesh
 from warp_smoke.record import each_value
 from warp_smoke.scene import Collider, Emitter, Light, Scene, SmokeDomain, Surface
 from warp_smoke.usd.names import STAGE, TRANSFORM
+from warp_smoke.usd.quiet import usd_kept_quiet
 from warp_smoke.usd.read_camera import read_camera
 from warp_smoke.usd.read_display_color import warn_of_instances_colors
 from warp_smoke.usd.read_instances import InstanceReader, instanced_prims
@@ -57,7 +57,7 @@ def read_scene(path: str | Path) -> Scene:
         raise ValueError(f"{path}: is a folder; allowed: the file of a stage")
     if not Path(path).is_file():
         raise ValueError(f"{path}: no such file")
-    with _usd_messages_dropped():
+    with usd_kept_quiet():
         try:
             scene = read_stage(Usd.Stage.Open(str(path)), str(path))
         except Tf.ErrorException as error:  # also while values are read, from a file that is damaged
@@ -283,13 +283,3 @@ def usd_message(error: Tf.Error | Pcp.ErrorBase) -> str:
     except UnicodeDecodeError as undecoded:
         text = undecoded.object.decode(errors="replace")
     return " ".join(text.split())
-
-
-@contextmanager
-def _usd_messages_dropped() -> Iterator[None]:
-    """Keeps USD from printing: what matters is in the error raised."""
-    delegate = UsdUtils.CoalescingDiagnosticDelegate()
-    try:
-        yield
-    finally:
-        del delegate

@@ -16,6 +16,7 @@ from warp_smoke.record import one_of
 from warp_smoke.scene import Scene, SmokeDomain
 from warp_smoke.usd.material import define_material, define_shader
 from warp_smoke.usd.prims import free_path, set_over_time
+from warp_smoke.usd.quiet import usd_kept_quiet
 from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP, GRID_NAMES
 from warp_smoke.usd.write import replacing_layer, set_metadata
 
@@ -24,6 +25,7 @@ _BOX_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 
 _BOX_NORMALS = ((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1))
 
 
+@usd_kept_quiet()
 def write_volume_shader(root: Path, scene: Scene, renderer: str) -> Path:
     """Writes materials for all smoke of a run's results into a layer of their own, and names it in the root layer.
 

@@ -13,6 +13,7 @@ from warp_smoke.scene import Scene
 from warp_smoke.usd.author import author_scene
 from warp_smoke.usd.find import RESULTS_SUFFIX
 from warp_smoke.usd.material import BakeResult, DepthMapResult, VertexBakeResult, define_bakes, define_procedural
+from warp_smoke.usd.quiet import usd_kept_quiet
 from warp_smoke.usd.volume import VolumeResult, define_volume
 
 # What USD reads from a stage's root layer alone, so that it would be lost under a new one.
@@ -29,6 +30,7 @@ _ROOT_METADATA = (
 )
 
 
+@usd_kept_quiet()
 def write_results(
     folder: str | Path,
     name: str,
