@@ -4,7 +4,6 @@ The paper is Zhan, Yang, Shi and Fei (2008); its table 1, figures 3, 7 and 8, an
 """
 
 import json
-import platform
 import sys
 import tempfile
 from collections.abc import Callable
@@ -25,6 +24,7 @@ from warp_smoke.shadow.coverage import frame_along
 from warp_smoke.shadow.diffusion import Diffusion
 from warp_smoke.shadow.dpd import DpdSmokeShadow
 from warp_smoke.shadow.methods import SMOKE_SHADOWS
+from warp_smoke.study.disclosure import processor
 from warp_smoke.study.light_answers import implicit_step
 
 ROOT = Path(__file__).parents[1]
@@ -48,10 +48,7 @@ def median_ms(work: Callable[[], object]) -> float:
 
 def machine() -> str:
     """The processor's name, and how many threads are used."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    name = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.processor())
-    return f"{name}, {Launcher().threads} threads"
+    return f"{processor()}, {Launcher().threads} threads"
 
 
 def plume(resolution: int, size: int | None, method: str) -> ws.Scene:

@@ -6,7 +6,7 @@ from scenes import at
 
 import warp_smoke as ws
 from warp_smoke.geometry import transform_points
-from warp_smoke.lattice import place_lattice
+from warp_smoke.lattice import occupied_box, place_lattice
 from warp_smoke.record import FieldError
 
 
@@ -97,3 +97,13 @@ def test_shear_is_refused():
     matrix[0, 1] = 0.5
     with pytest.raises(FieldError, match=r"/Smoke: transform is .*right angles"):
         ws.SmokeDomain(path="/Smoke", transform=matrix)
+
+
+def test_box_of_occupied_cells():
+    """From the first to the last cell along each axis, wherever these are; none without any."""
+    cells = np.zeros((4, 5, 6), bool)
+    assert occupied_box(cells) is None
+    cells[1, 2, 5] = True
+    assert occupied_box(cells) == (slice(1, 2), slice(2, 3), slice(5, 6))
+    cells[3, 0, 4] = True
+    assert occupied_box(cells) == (slice(1, 4), slice(0, 3), slice(4, 6))

@@ -57,6 +57,14 @@ class Lattice(Record):
         return np.diag([self.voxel_size] * 3 + [1.0]) @ self.to_world
 
 
+def occupied_box(cells: np.ndarray) -> tuple[slice, slice, slice] | None:
+    """The smallest box that holds all cells of a mask [nx, ny, nz], as a slice along each axis; None without any."""
+    found = [np.flatnonzero(cells.any(axis=tuple({0, 1, 2} - {axis}))) for axis in range(3)]
+    if not len(found[0]):
+        return None
+    return tuple(slice(int(each[0]), int(each[-1]) + 1) for each in found)
+
+
 def place_lattice(scene: Scene, domain: SmokeDomain) -> Lattice:
     """The cells of a domain, at the scene's first frame.
 

@@ -78,6 +78,11 @@ def _start_warp() -> None:
         wp.init()
 
 
+def available_threads() -> int:
+    """CPU threads that may run at once in this process."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+
+
 class _Worker:
     """A thread that runs one recorded launch at a time."""
 
@@ -141,8 +146,7 @@ class Launcher:
         if threads is not None and threads < 1:
             raise ValueError(f"threads is {threads}; allowed: whole numbers from 1")
         self.device = wp.get_device(device)
-        available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-        self.threads = (threads or available) if self.device.is_cpu else 1
+        self.threads = (threads or available_threads()) if self.device.is_cpu else 1
         self.launches, self.allocated = Counter(), Counter()
         self._recorded = {}
         self._recording = False
@@ -262,5 +266,4 @@ class Launcher:
 
 def load_kernels(modules: list[str], device: str = "cpu") -> None:
     """Compiles and loads the kernels of Python modules, several at once; cached by Warp after the first time."""
-    workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    wp.force_load(device=device, modules=[wp.get_module(name) for name in modules], max_workers=workers)
+    wp.force_load(device=device, modules=[wp.get_module(name) for name in modules], max_workers=available_threads())

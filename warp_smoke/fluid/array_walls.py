@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from warp_smoke.fluid.wall_motion import Pull
-from warp_smoke.lattice import Lattice
+from warp_smoke.lattice import Lattice, occupied_box
 from warp_smoke.launch import Launcher
 from warp_smoke.record import value_at
 from warp_smoke.scene import ArrayCollider
@@ -56,12 +56,11 @@ class ArrayWalls:
         return True
 
     def _fill(self, solid: np.ndarray) -> None:
-        found = [np.flatnonzero(solid.any(axis=tuple({0, 1, 2} - {axis}))) for axis in range(3)]
-        if not len(found[0]):
+        spans = occupied_box(solid)
+        if spans is None:
             self.lower = self.shape = (0, 0, 0)
             return
-        spans = [slice(int(each[0]), int(each[-1]) + 1) for each in found]
-        box = np.ascontiguousarray(solid[tuple(spans)], np.float32)
+        box = np.ascontiguousarray(solid[spans], np.float32)
         self.lower, self.shape = tuple(span.start for span in spans), box.shape
         self.fraction = self._storage[: box.size].reshape(box.shape)
         self.fraction.assign(box)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from warp_smoke.lattice import Lattice
+from warp_smoke.lattice import Lattice, occupied_box
 from warp_smoke.launch import Launcher
 from warp_smoke.picture.light import PictureLight
 from warp_smoke.picture.smoke_volume import SmokeVolume
@@ -61,12 +61,8 @@ def scattering_smoke(
 
 def _cropped(density: np.ndarray, lattice: Lattice) -> tuple[np.ndarray, Lattice]:
     """The box of cells with smoke, and one more around them as far as there are any."""
-    box = []
-    for axis, size in enumerate(density.shape):
-        busy = np.flatnonzero(density.any(axis=tuple({0, 1, 2} - {axis})))
-        box.append((max(busy[0] - 1, 0), min(busy[-1] + 2, size)))
-    lower = np.array([first for first, _ in box])
+    box = tuple(slice(max(each.start - 1, 0), each.stop + 1) for each in occupied_box(density != 0.0))
     to_world = np.array(lattice.to_world)
-    to_world[3, :3] += lattice.voxel_size * lower @ lattice.axes
-    cropped = np.ascontiguousarray(density[tuple(slice(*each) for each in box)])
+    to_world[3, :3] += lattice.voxel_size * np.array([each.start for each in box]) @ lattice.axes
+    cropped = np.ascontiguousarray(density[box])
     return cropped, replace(lattice, shape=cropped.shape, to_world=to_world)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from warp_smoke.lattice import occupied_box
 from warp_smoke.preview.color import encode_light
 
 # Of the light that falls on thick smoke, what comes back: a cloud is less white than a white wall.
@@ -64,15 +65,11 @@ def find_smoke(
         Density, `to_world` and `scattered` of the box, or None if there is no smoke.
     """
     greatest = density.max(initial=0)
-    smoke = density > greatest / (2 * 255)
-    corner, box = np.eye(4), []
-    for axis in range(3):
-        busy = np.flatnonzero(smoke.any(axis=tuple({0, 1, 2} - {axis})))
-        if not len(busy):
-            return None
-        box.append(slice(busy[0], busy[-1] + 1))
-        corner[3, axis] = busy[0] - 1
-    box = tuple(box)
+    box = occupied_box(density > greatest / (2 * 255))
+    if box is None:
+        return None
+    corner = np.eye(4)
+    corner[3, :3] = [each.start - 1 for each in box]
     if scattered is not None:
         scattered = np.pad(scattered[box], ((1, 1), (1, 1), (1, 1), (0, 0)))
     return np.pad(np.maximum(density[box], 0), 1), corner @ to_world, scattered
