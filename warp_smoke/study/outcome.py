@@ -86,7 +86,7 @@ def light_scene(
     plan = make_plan(scene)
     load_kernels(kernel_modules(plan), str(launcher.device))
     densities = {path: launcher.array(each.density, "density") for path, each in volumes.items()}
-    seconds, texels, pictures = [], 0, {}
+    seconds = []
     for repeat in range(repeats + 1):
         lighting = Lighting(launcher, plan, Timings(launcher))
         began = perf_counter()
