@@ -225,3 +225,44 @@ def test_instancers_of_another_type(tmp_path, name, meant):
     layer.Save()
     with pytest.raises(ValueError, match=rf"/Many: {name} is of type bool; allowed: {re.escape(meant)}$"):
         Scene.open(tmp_path / "many.usda")
+
+
+BELOW = """#usda 1.0
+(
+    defaultPrim = "root"
+    upAxis = "Z"
+    metersPerUnit = 0.5
+    startTimeCode = 101
+    endTimeCode = 148
+    timeCodesPerSecond = 24
+)
+def Xform "root" { }
+"""
+
+
+def test_metadata_of_sublayers_has_no_effect(tmp_path):
+    """USD reads units, axis and times from the opened layer alone; what differs from its fallback below is told."""
+    (tmp_path / "set.usda").write_text(BELOW.replace(" }", "\n}"))
+    shot = tmp_path / "shot.usda"
+    shot.write_text(
+        '#usda 1.0\n(\n    defaultPrim = "root"\n    endTimeCode = 130\n    subLayers = [@./set.usda@]\n)\n'
+    )
+    scene = Scene.open(shot)
+    assert (scene.up_axis, scene.meters_per_unit) == ("Y", 0.01)
+    assert scene.warnings == (
+        "/: upAxis is unset; that of the sublayer set.usda, Z, has no effect",
+        "/: metersPerUnit is unset; that of the sublayer set.usda, 0.5, has no effect",
+        "/: startTimeCode is unset; that of the sublayer set.usda, 101.0, has no effect",
+    )
+
+
+def test_the_default_prim_of_a_sublayer_is_named(tmp_path):
+    """A layer over an export that has no default prim is refused, and told which one it could have."""
+    (tmp_path / "set.usda").write_text(BELOW.replace(" }", "\n}"))
+    shot = tmp_path / "shot.usda"
+    shot.write_text("#usda 1.0\n(\n    subLayers = [@./set.usda@]\n)\n")
+    line = (
+        f"{shot}: /: defaultPrim is unset; allowed: the name of a root prim; that of the sublayer set.usda, root, has "
+    )
+    with pytest.raises(ValueError, match=re.escape(line)):
+        Scene.open(shot)

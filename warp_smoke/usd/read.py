@@ -32,6 +32,7 @@ from warp_smoke.usd.read_smoke import (
 )
 from warp_smoke.usd.reader import StageReader, bad_input
 from warp_smoke.usd.schema import register_schema
+from warp_smoke.usd.stage_metadata import ineffective_metadata
 from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
 
 DEFAULT_FRAMES = 48
@@ -85,12 +86,16 @@ def read_stage(stage: Usd.Stage, file: str) -> Scene:
     for error in composition_errors:
         if isinstance(error, MISSING):
             raise ValueError(f"{file}: {error.rootSite.path}: {usd_message(error)}")
+    ineffective = dict(ineffective_metadata(stage))
     if not stage.GetDefaultPrim():
-        raise bad_input(file, "/", "defaultPrim", "unset", "the name of a root prim")
+        allowed = "; ".join(filter(None, ("the name of a root prim", ineffective.get("defaultPrim"))))
+        raise bad_input(file, "/", "defaultPrim", "unset", allowed)
     settings = _read_settings(stage, file)
     reader = StageReader(file, settings.start)
     for error in composition_errors:
         reader.warn(stage.GetPrimAtPath(error.rootSite.path) or stage.GetPseudoRoot(), usd_message(error))
+    for name, remark in ineffective.items():
+        reader.warn(stage.GetPseudoRoot(), f"{name} is unset; {remark}")
     contents = _Contents(reader)
     for prim in _prims(stage):
         contents.add(reader, prim)
