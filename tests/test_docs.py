@@ -5,6 +5,7 @@ import runpy
 from pathlib import Path
 
 import pytest
+from pxr import Sdf
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -54,6 +55,46 @@ def test_usd_example_smokes(tmp_path):
     text = re.search(r"```usda\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL).group(1)
     (tmp_path / "least.usda").write_text(text)
     scene = ws.Scene.open(tmp_path / "least.usda")
+    assert scene.warnings == ()
+    assert "advect_density" in ws.make_plan(scene).domains[0].passes
+
+
+EXPORT = """#usda 1.0
+(
+    defaultPrim = "root"
+    upAxis = "Z"
+    metersPerUnit = 1
+    startTimeCode = 1
+    endTimeCode = 48
+)
+def Xform "root"
+{
+    def Xform "Smoke_Box"
+    {
+        def Cube "Cube"
+        {
+        }
+    }
+    def Xform "Torch"
+    {
+        def Sphere "Sphere"
+        {
+            double radius = 0.3
+        }
+    }
+}
+"""
+
+
+def test_a_layer_over_an_export_smokes(tmp_path):
+    """The layer in the page on other programs, over a stage with its names, calls for smoke without a warning."""
+    import warp_smoke as ws
+
+    text = re.search(r"```usda\n(.*?)```", (ROOT / "docs/dcc.md").read_text(encoding="utf-8"), re.DOTALL).group(1)
+    (tmp_path / "shot.usda").write_text(text)
+    (export := tmp_path / "export.usda").write_text(EXPORT)
+    Sdf.Layer.FindOrOpen(str(export)).Export(str(tmp_path / "export.usdc"))
+    scene = ws.Scene.open(tmp_path / "shot.usda")
     assert scene.warnings == ()
     assert "advect_density" in ws.make_plan(scene).domains[0].passes
 
