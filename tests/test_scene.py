@@ -127,3 +127,9 @@ def test_the_longest_frame():
     assert ws.Scene(time_codes_per_second=1e-6).time_codes_per_second == 1e-6
     with pytest.raises(ValueError, match="time_codes_per_second is 9e-07; allowed: ≥ 1e-06"):
         ws.Scene(time_codes_per_second=9e-7)
+
+
+@pytest.mark.parametrize(("start", "end", "middle"), [(1, 1, 1), (1, 3, 2), (1, 48, 25), (-3, 0, -1)])
+def test_the_middle_frame(start, end, middle):
+    """Of two frames in the middle the later one."""
+    assert ws.Scene(start=start, end=end).middle_frame == middle

@@ -110,7 +110,7 @@ def render(
     if scene.camera is None:
         raise ValueError(f"{path}: no camera to render through; add a UsdGeomCamera")
     if frame is None:
-        frame = (scene.start + scene.end) // 2
+        frame = scene.middle_frame
     if frame not in scene.frames:
         raise FieldError(str(path), "frame", frame, f"{scene.start}…{scene.end}")
     usual = DEFAULT_SAMPLES if quality is None else samples_of(quality)

@@ -72,7 +72,7 @@ def preview(
     stage = PreviewStage(path)
     frames = stage.scene.frames
     if frame is None:
-        frame = frames[len(frames) // 2]
+        frame = stage.scene.middle_frame
     if frame not in frames:
         raise ValueError(f"{path}: frame is {frame}; allowed: {frames[0]} to {frames[-1]}")
     if quantity is not None and quantity not in QUANTITIES:

@@ -80,6 +80,11 @@ class Scene(Record):
         """The frames that are simulated."""
         return range(self.start, self.end + 1)
 
+    @property
+    def middle_frame(self) -> int:
+        """The frame that is shown if none is asked for; of two in the middle the later one."""
+        return self.frames[len(self.frames) // 2]
+
     def shadowing(self, light: Light) -> tuple[Surface, ...]:
         """The surfaces that may shadow a light, as its linking and their materials have it."""
         return tuple(s for s in self.surfaces if s.casts_shadow and light.may_be_shadowed_by(s.path))
