@@ -1,7 +1,8 @@
 """Pictures of materials: file, channel, wrap, colour space and transform of each input."""
 
 import pytest
-from material_text import TRANSFORMED, material_of, texture
+from material_text import TRANSFORMED, material_of, texture, with_material
+from stage_text import scene_of
 
 from warp_smoke.scene import Material, Texture
 
@@ -33,6 +34,38 @@ def test_textures_of_other_inputs(tmp_path, picture, name, field, output):
     assert getattr(material, field) == Texture(
         file=str(picture), channel=output, color_space="raw", wrap_s="black", wrap_t="black"
     )
+
+
+@pytest.mark.usefixtures("picture")
+@pytest.mark.parametrize(
+    ("varname", "more", "warned"),
+    [
+        ("st", "texCoord2f[] primvars:Second = [(0, 0)]", False),
+        ("Second", "texCoord2f[] primvars:Second = [(0, 0)]", True),
+        ("UVMap", "texCoord2f[] primvars:Second = [(0, 0)]", False),
+    ],
+)
+def test_textures_over_other_coordinates_are_told(tmp_path, varname, more, warned):
+    """A mesh's second coordinates are not used, which is said; a name that it has not, as Blender's UVMap, is `st`."""
+    inputs, shader = texture(
+        "asset inputs:file = @./picture.png@\nfloat2 inputs:st.connect = </World/M/R.outputs:result>"
+    )
+    reader = f"""def Shader "R" {{
+        uniform token info:id = "UsdPrimvarReader_float2"
+        string inputs:varname = "{varname}"
+        float2 outputs:result }}"""
+    text = with_material(inputs, shader + reader).replace(
+        "rel material:binding",
+        f"""{more} (
+            interpolation = "constant"
+        )
+        texCoord2f[] primvars:st = [(0, 0)] (
+            interpolation = "constant"
+        )
+        rel material:binding""",
+    )
+    told = "/World/A: /World/M lies over primvars:Second, which is not supported; it lies over primvars:st"
+    assert scene_of(tmp_path, text).warnings == ((told,) if warned else ())
 
 
 @pytest.mark.usefixtures("picture")

@@ -11,6 +11,7 @@ from warp_smoke.geometry import Mesh
 from warp_smoke.record import finite, positive
 from warp_smoke.scene import Material, MaterialSubset, Procedural, Texture
 from warp_smoke.usd.names import MATERIAL, PROCEDURAL, TEXTURE, TRANSFORM_2D, smoke_attribute
+from warp_smoke.usd.prims import uv_primvar
 from warp_smoke.usd.read_display_color import read_display_color, warn_of_shadow
 from warp_smoke.usd.reader import StageReader, shortest_decimal
 from warp_smoke.usd.schema import schema_attributes
@@ -57,6 +58,7 @@ class MaterialReader:
     def __init__(self, reader: StageReader):
         self._reader = reader
         self._materials: dict[Sdf.Path, Material | None] = {}
+        self._coordinates: dict[Sdf.Path, set[str]] = {}  # primvars that a material's textures lie over
         self._unbound: dict[Sdf.Path, tuple[Material | None, tuple[MaterialSubset, ...]]] = {}
 
     def look_of(self, prim: Usd.Prim, mesh: Mesh) -> tuple[Material | None, tuple[MaterialSubset, ...]]:
@@ -91,7 +93,17 @@ class MaterialReader:
         path = material.GetPath()
         if path not in self._materials:
             self._materials[path] = self._read(material)
+        self._warn_of_coordinates(prim, path)
         return self._materials[path]
+
+    def _warn_of_coordinates(self, prim: Usd.Prim, material: Sdf.Path) -> None:
+        """Warns where textures ask for coordinates that a mesh has, but which are not those that are read."""
+        mesh = prim.GetParent() if prim.IsA(UsdGeom.Subset) else prim
+        used, asked = uv_primvar(mesh), self._coordinates.get(material, set())
+        for name in sorted(asked - {used.GetPrimvarName()}) if used else ():
+            if UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance(name).HasValue():
+                text = f"{material} lies over primvars:{name}, which is not supported; it lies over {used.GetName()}"
+                self._reader.warn(mesh, text)
 
     def bound_to_subsets(self, prim: Usd.Prim, mesh: Mesh) -> tuple[MaterialSubset, ...]:
         """The materials of a mesh's face subsets, those of the family `materialBind`.
@@ -137,6 +149,7 @@ class MaterialReader:
                     surface.GetPrim(), f"inputs:{name} without a texture is not supported; it has no effect"
                 )
         self._check_normal_map(surface, textures["normal_texture"])
+        self._coordinates[material.GetPath()] = {_coordinates(surface, name) for name in (*TEXTURED, *RELIEF)} - {None}
         smoke = self._read_smoke_fields(material.GetPrim())
         values |= _reflectance(values, textures)
         names = MATERIAL | {field: smoke_attribute(field) for field in smoke}
@@ -287,6 +300,20 @@ def _source(shader: UsdShade.Shader, name: str) -> Usd.Attribute | None:
     given = shader.GetInput(name)
     attributes = given.GetValueProducingAttributes() if given else ()
     return attributes[0] if attributes else None
+
+
+def _coordinates(surface: UsdShade.Shader, name: str) -> str | None:
+    """The primvar that the texture of an input lies over; None where that is not said."""
+    shader = surface
+    for link in (name, "st", "in"):
+        source = _source(shader, link)
+        if not source or not _is_output(source):
+            return None
+        shader = UsdShade.Shader(source.GetPrim())
+        if shader.GetShaderId() == "UsdPrimvarReader_float2":
+            varname = _source(shader, "varname")
+            return str(varname.Get()) if varname else None
+    return None
 
 
 def _is_output(attribute: Usd.Attribute) -> bool:
