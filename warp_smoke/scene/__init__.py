@@ -1,6 +1,6 @@
-"""What a user asks for: the scene as frozen records, checked when they are made.
+"""The scene that a user asks for, as frozen records that are checked on construction.
 
-Lengths are in stage units, points and transforms in USD's row-vector convention (p' = p M). A field marked "may
+Lengths are in stage units; points and transforms follow USD's row-vector convention (p' = p M). A field marked "may
 change" takes a plain value or `Samples`.
 """
 

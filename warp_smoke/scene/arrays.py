@@ -1,7 +1,7 @@
-"""Emitters and colliders that a script gives as arrays over the cells of a domain, in place of meshes.
+"""Emitters and colliders that a script supplies as arrays over the cells of a domain, instead of meshes.
 
-Such arrays cover the whole domain, sample [i, j, k] at the centre of cell (i, j, k); see `Lattice` for where that is.
-They are no part of a stage: a scene that has some cannot be saved.
+The arrays cover the whole domain, with sample [i, j, k] at the centre of cell (i, j, k); `Lattice` says where that is.
+A stage cannot hold them, so a scene that has any cannot be saved.
 """
 
 from dataclasses import dataclass
@@ -13,19 +13,20 @@ from warp_smoke.record import FieldError, Record, Samples, at_least, each_value,
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArrayEmitter(Record):
-    """Makes smoke as arrays say, cell by cell.
+    """An emitter of smoke defined by arrays, cell by cell.
 
-    NumPy arrays are copied. Warp arrays, contiguous float32 ones on the simulation's device, are used in place: what a
-    script writes into one counts from the next substep on.
+    NumPy arrays are copied. Warp arrays must be contiguous float32 on the simulation's device and are used in place:
+    what a script writes into one takes effect from the next substep.
 
     Attributes:
         path: a name like a prim path, unique among the scene's emitters.
         domain: path of the domain whose cells the arrays cover; None = every domain.
-        density: [nx, ny, nz], at least 0; None = none is made.
-        temperature: [nx, ny, nz], held where it departs further from ambient than the air; None = that of the air.
+        density: [nx, ny, nz], at least 0; None = no density is emitted.
+        temperature: [nx, ny, nz], held where it is further from ambient than the air's; None = the air keeps its own.
         rate: [1/s], smoke of `density` added each second; None = the density is held; may change.
-        velocity: along the lattice's axes, [nx, ny, nz, 3] [m/s], given to air that is slower that way; None = none.
-        enabled: may change.
+        velocity: along the lattice's axes, [nx, ny, nz, 3] [m/s], imposed on air that is slower in that direction;
+            None = none.
+        enabled: whether it emits; may change.
     """
 
     path: str
@@ -49,23 +50,23 @@ class ArrayEmitter(Record):
 
     @property
     def fields(self) -> dict[str, object]:
-        """Those of its arrays that are given, by name."""
+        """The arrays that are not None, by field name."""
         given = {name: getattr(self, name) for name in ("density", "temperature", "velocity")}
         return {name: values for name, values in given.items() if values is not None}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArrayCollider(Record):
-    """A solid given by its signed distance, or as a mask of cells; smoke flows around it.
+    """A solid that smoke flows around, given by its signed distance or as a mask of cells.
 
-    Cells are solid where the distance at their centre is not positive, so walls must be a cell thick to close.
+    A cell is solid where the distance at its centre is not positive, so a wall must be a cell thick to be tight.
 
     Attributes:
         path: a name like a prim path, unique among the scene's colliders.
         domain: path of the domain whose cells the array covers; None = every domain.
         solid: bool [nx, ny, nz], True inside; or signed distance [m], negative inside, float [nx, ny, nz]; Samples of
-            distances [t, nx, ny, nz] for a solid that moves: it pushes air along its surface normal.
-        friction: how far it holds back viscous air that moves along it: 0 slips, 1 sticks.
+            distances [t, nx, ny, nz] for a solid that moves, which pushes air along its surface normal.
+        friction: how strongly it holds back viscous air moving along it: 0 = slip, 1 = no slip.
     """
 
     path: str
@@ -97,7 +98,7 @@ def check_cells(record: ArrayEmitter | ArrayCollider, shape: tuple[int, int, int
     """Checks that a record's arrays cover the cells of a domain.
 
     Raises:
-        FieldError: they are arrays of another shape.
+        FieldError: an array has another shape.
     """
     fields = record.fields if isinstance(record, ArrayEmitter) else {"solid": each_value(record.solid)[0]}
     for name, values in fields.items():
@@ -106,7 +107,7 @@ def check_cells(record: ArrayEmitter | ArrayCollider, shape: tuple[int, int, int
 
 
 def _cells(path: str, field: str, values: object, channels: tuple[int, ...]) -> object:
-    """A read-only float32 copy of a NumPy array of finite numbers; arrays of a device stay what they are."""
+    """Returns a read-only float32 copy of a NumPy array of finite numbers, or a device array unchanged."""
     shape, allowed = tuple(getattr(values, "shape", ())), f"an array [nx, ny, nz{', 3' * (channels == (3,))}]"
     if len(shape) != 3 + len(channels) or shape[3:] != channels:
         raise FieldError(path, field, f"an array {list(shape)}" if shape else values, allowed)

@@ -1,4 +1,4 @@
-"""The camera that the preview and the picture look through."""
+"""The camera through which the preview and rendered pictures see the scene."""
 
 from dataclasses import dataclass
 
@@ -11,10 +11,10 @@ class Camera(Prim):
     """A camera looking along its −Z axis (USD: `UsdGeomCamera`).
 
     Attributes:
-        focal_length, horizontal_aperture, vertical_aperture: in one unit, whichever it is; may change.
-        horizontal_offset, vertical_offset: of the aperture from the axis, to the right and up, in the same unit;
+        focal_length, horizontal_aperture, vertical_aperture: all in the same unit, whatever it is; may change.
+        horizontal_offset, vertical_offset: offset of the aperture from the axis, to the right and up, in that unit;
             may change.
-        near, far: distances along the axis between which something is seen [stage units].
+        near, far: clipping distances along the axis [stage units].
     """
 
     focal_length: float | Samples = 50.0
@@ -32,7 +32,7 @@ class Camera(Prim):
         self._check(finite, "horizontal_offset", "vertical_offset", "near")
 
     def lens_at(self, time: float) -> tuple[float, float, float, float]:
-        """Horizontal and vertical aperture, and their offsets, in focal lengths."""
+        """Returns the horizontal and vertical aperture and their offsets, in focal lengths."""
         apertures = (self.horizontal_aperture, self.vertical_aperture, self.horizontal_offset, self.vertical_offset)
         focal_length = float(value_at(self.focal_length, time))
         return tuple(float(value_at(each, time)) / focal_length for each in apertures)

@@ -1,4 +1,4 @@
-"""Lights, and how their shadows are made: on surfaces, and by smoke."""
+"""Lights, and how the shadows of surfaces and of smoke are computed."""
 
 from dataclasses import dataclass
 
@@ -32,33 +32,34 @@ MAX_DIFFUSION = 1000.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Light(Prim):
-    """What all lights share (USD: `UsdLux` and `SmokeLightAPI`).
+    """The fields that all lights share (USD: `UsdLux` and `SmokeLightAPI`).
 
     Attributes:
         color: linear RGB.
-        intensity: with exposure and colour temperature already in it; may change.
-        normalize: whether intensity is divided by the light's area (UsdLux).
+        intensity: with exposure already included (colour temperature is part of `color`); may change.
+        normalize: whether the intensity is divided by the light's area (UsdLux).
         enabled: whether it shines (USD: visibility); may change.
         shadow_enable: whether it casts shadows.
-        shadow_bias, shadow_slope_bias: [stage units]; None = the least that is free of acne.
+        shadow_bias, shadow_slope_bias: [stage units]; None = the smallest free of shadow acne.
         shadow_map_size: texels along a side of a depth map.
-        shadow_near, shadow_far: depth range [stage units]; None = what the scene needs.
-        shadow_filter: by depth map hard, pcf_grid, pcf_disk, pcf_disk_view (wider with distance from the camera) or
-            pcss (as soft as the light's size asks for); by rays exact (one for each point) or area (many).
-        shadow_softness: half-width of the pcf filters [stage units]; None = from the texels of the depth map.
-        shadow_cull_front: only faces turned away from the light cast shadows, for closed meshes.
+        shadow_near, shadow_far: depth range [stage units], not used by distant lights; None = what the scene needs.
+        shadow_filter: with a depth map: hard, pcf_grid, pcf_disk, pcf_disk_view (wider with distance from the camera)
+            or pcss (penumbra from the light's size); with rays: exact (one for each point) or area (many).
+        shadow_softness: half-width of the pcf filters [stage units]; None = from the depth map's texels, or for
+            pcf_disk_view from its far distance.
+        shadow_cull_front: whether only faces turned away from the light cast shadows; for closed meshes.
         smoke_shadow: march (samples along the light's rays), a splat of voxels (nearest, bilinear, gaussian,
-            footprint), dpd (the paper's) or ray_traced (a ray for each point).
+            footprint), dpd (direct projection and diffusion, as published) or ray_traced (a ray for each point).
         smoke_shadow_size: texels along the longer side of the smoke's light buffer; None = matches the domain.
         smoke_shadow_layer: slices of the domain in each layer of the buffer, for receivers inside the smoke; None =
             2, or all where no receiver is inside.
         illuminates: paths of the surfaces that it lights; None = all (USD: the collection `lightLink`).
         shadowed_by: paths of the surfaces and domains that cast its shadows; None = all (USD: `shadowLink`).
-        smoke_diffusion: r = νΔt/h² of the energy diffusion, h a texel's width.
+        smoke_diffusion: r = νΔt/h² of the energy diffusion, with h the width of a texel.
         smoke_diffuser: paper (one sweep), sweeps or exact.
-        smoke_sweeps: Jacobi sweeps (diffuser sweeps); None = ⌈8 r⌉ explicit substeps instead.
-        smoke_projection: of dpd: parallel to the line to the smoke's centre, as published, or the true rays.
-        smoke_compositing: of dpd: opacity, linear as published, or transmittance e^(−τ).
+        smoke_sweeps: number of Jacobi sweeps of the diffuser sweeps; None = ⌈8 r⌉ explicit substeps instead.
+        smoke_projection: of dpd: parallel (to the line to the smoke's centre, as published) or rays (the true ones).
+        smoke_compositing: of dpd: opacity (linear, as published) or transmittance (e^(−τ)).
     """
 
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -120,19 +121,19 @@ class Light(Prim):
             self._check(whole, "smoke_sweeps", low=1, high=10_000)
 
     def lights(self, path: str) -> bool:
-        """Whether light linking lets it reach the surface at a path."""
+        """Returns whether light linking lets it illuminate the surface at a path."""
         return self.illuminates is None or path in self.illuminates
 
     def may_be_shadowed_by(self, path: str) -> bool:
-        """Whether light linking lets the surface or domain at a path shadow it."""
+        """Returns whether shadow linking lets the surface or domain at a path block it."""
         return self.shadowed_by is None or path in self.shadowed_by
 
     def position_at(self, time: float) -> np.ndarray:
-        """World position, [3] float64."""
+        """Returns the world position, [3] float64."""
         return self.transform_at(time)[3, :3]
 
     def direction_at(self, time: float) -> np.ndarray:
-        """Unit world direction in which it shines (its −Z axis), [3] float64."""
+        """Returns the unit world direction in which it shines (its −Z axis), [3] float64."""
         axis = -self.transform_at(time)[2, :3]
         return axis / np.linalg.norm(axis)
 
@@ -147,7 +148,7 @@ class PointLight(Light):
     """A light at a point, or a small sphere (USD: `SphereLight`).
 
     Attributes:
-        radius: of the sphere [stage units].
+        radius: radius of the sphere [stage units].
         falloff_model: inverseSquare, linear (from falloff_start to falloff_end) or polynomial (1/(k₀ + k₁ d + k₂ d²)).
         falloff_start, falloff_end: [stage units]; beyond falloff_end there is no light (None = no end).
         attenuation: k₀, k₁, k₂ of the polynomial.
@@ -180,8 +181,8 @@ class SpotLight(PointLight):
     """A point light that shines along its −Z axis (USD: `ShapingAPI`).
 
     Attributes:
-        cone_angle: half angle of the cone [degrees].
-        cone_softness: share of the angle over which the edge fades, 0 to 1.
+        cone_angle: half-angle of the cone [degrees].
+        cone_softness: fraction of the angle over which the edge fades, 0 to 1.
         focus: exponent of cos θ.
     """
 
@@ -202,11 +203,11 @@ class SpotLight(PointLight):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DistantLight(Light):
-    """A light from one direction, its −Z axis (USD: `DistantLight`).
+    """A light infinitely far away, shining along its −Z axis (USD: `DistantLight`).
 
     Attributes:
-        angle: its width in the sky [degrees].
-        shadow_map_size: texels along a side of the depth map, which covers the whole set.
+        angle: its angular diameter [degrees].
+        shadow_map_size: texels along a side of the depth map, which covers all that both casts and receives shadows.
     """
 
     angle: float = 0.53

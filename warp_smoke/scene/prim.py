@@ -1,4 +1,4 @@
-"""Something with a place on the stage: what domains, emitters, surfaces, lights and cameras share."""
+"""The base of records with a place on the stage: domains, emitters, surfaces, lights and cameras."""
 
 from dataclasses import dataclass, field
 
@@ -16,12 +16,12 @@ def _identity() -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Prim(Record):
-    """Something with a place on the stage.
+    """A record with a place on the stage.
 
     Attributes:
-        path: prim path, unique among the scene's records of one kind.
+        path: prim path, unique among the scene's records of the same kind.
         transform: local to world, 4 × 4 row-vector matrix in stage units; may change.
-        given: names of the fields that the stage sets, which no quality preset changes; not part of equality.
+        given: names of the fields that the stage sets, which no quality preset changes; ignored by equality.
     """
 
     path: str
@@ -34,7 +34,7 @@ class Prim(Record):
         self._store("transform", finite(self.path, "transform", self.transform, (4, 4)))
 
     def transform_at(self, time: float) -> np.ndarray:
-        """Local to world at a time code, 4 × 4 float64."""
+        """Returns the local-to-world matrix at a time code, 4 × 4 float64."""
         return value_at(self.transform, time)
 
     @property
@@ -47,7 +47,7 @@ class Prim(Record):
             self._store(name, check(self.path, name, getattr(self, name), **limits))
 
     def _check_reach(self, points: np.ndarray | Samples) -> None:
-        """Raises FieldError where the transform takes the bounds of local points [n, 3] too far from the origin."""
+        """Raises FieldError if the transform moves the bounds of local points [n, 3] too far from the origin."""
         points = each_value(points).reshape(-1, 3)
         if not len(points):
             return

@@ -1,4 +1,4 @@
-"""The scene: everything that a stage asks for."""
+"""The scene: everything that a stage describes."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,24 +14,25 @@ from warp_smoke.scene.surface import Surface
 
 AXES = ("X", "Y", "Z")
 
-# Time codes per second: frames of up to a million seconds, in which the largest rates give numbers that can be squared.
+# Least time codes per second: over a frame of a million seconds, even the largest rates add up to numbers whose
+# squares do not overflow.
 _SLOWEST = 1e-6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scene(Record):
-    """Everything a stage asks for.
+    """Everything that a stage describes.
 
     Attributes:
-        domains, emitters, colliders, surfaces, lights: what stands on it; paths are unique among each.
-        camera: that pictures and highlights are seen from, or None.
+        domains, emitters, colliders, surfaces, lights: its contents; paths are unique within each kind.
+        camera: the view for pictures and highlights, or None.
         start, end: first and last frame (time codes), both simulated.
-        time_codes_per_second: frames in a second, at least 1e-6.
+        time_codes_per_second: frames per second, at least 1e-6.
         meters_per_unit: length of a stage unit [m].
         up_axis: X, Y or Z.
-        ambient: light from everywhere, linear RGB (USD: `DomeLight`).
+        ambient: light from all directions alike, linear RGB (USD: `DomeLight`).
         source: the stage's file, or None for a scene made in Python.
-        warnings: what on the stage is not supported and was left as it is; not part of equality.
+        warnings: what on the stage is not supported and was ignored or simplified; ignored by equality.
     """
 
     domains: tuple[SmokeDomain, ...] = ()
@@ -72,7 +73,7 @@ class Scene(Record):
 
     @property
     def up(self) -> np.ndarray:
-        """Unit vector up, [3]."""
+        """The unit up vector, [3]."""
         return np.eye(3)[AXES.index(self.up_axis)]
 
     @property
@@ -82,11 +83,11 @@ class Scene(Record):
 
     @property
     def middle_frame(self) -> int:
-        """The frame that is shown if none is asked for; of two in the middle the later one."""
+        """The frame that is shown by default: the middle one, or the later of the two in the middle."""
         return self.frames[len(self.frames) // 2]
 
     def shadowing(self, light: Light) -> tuple[Surface, ...]:
-        """The surfaces that may shadow a light, as its linking and their materials have it."""
+        """Returns the surfaces that may block a light, according to its shadow linking and their materials."""
         return tuple(s for s in self.surfaces if s.casts_shadow and light.may_be_shadowed_by(s.path))
 
     @staticmethod

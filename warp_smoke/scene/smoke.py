@@ -1,4 +1,4 @@
-"""The smoke: the box it lives in, what makes it and what it flows around; its quantities in SI units."""
+"""The smoke domain, and the emitters and colliders in it; physical quantities are in SI units."""
 
 from dataclasses import dataclass
 
@@ -46,29 +46,29 @@ class SmokeDomain(Prim):
         lower, upper: corners in local space; the transform may turn and scale the box but not shear it.
         resolution: cells along the longest side; cells are cubes.
         boundary: open, closed (air slides along it), no_slip (closed, and viscous air sticks to it) or periodic (what
-            leaves comes in again at the opposite side, which has to be periodic too) for each of the sides
+            leaves re-enters on the opposite side, which must be periodic too) for each of the sides
             -x +x -y +y -z +z of the box; None = open, with the bottom closed.
         time_scale: seconds of smoke for each second of the stage.
         max_courant: largest max|u| dt / h of a substep.
-        buoyancy_density: α, downward acceleration per density [m/s²].
+        buoyancy_density: α, downward acceleration per unit of density [m/s²].
         buoyancy_temperature: β, upward acceleration per degree above ambient [m/s²].
         ambient_temperature: temperature of the air.
         vorticity: strength ε of vorticity confinement (0 = off).
-        turbulence: force that stirs all air, root mean square [m/s²].
+        turbulence: root mean square of a random force that stirs all the air [m/s²].
         turbulence_scale: size of its eddies [m], at least two cells; None = an eighth of the longest side.
         viscosity: kinematic viscosity ν of the air [m²/s].
-        wind: velocity of the air at the beginning, and when it comes in through open sides, along the stage's axes
+        wind: velocity of the air at the start, and of the air that enters through open sides, along the stage's axes
             [m/s].
-        density_diffusion, temperature_diffusion: how fast smoke and heat spread by themselves [m²/s].
+        density_diffusion, temperature_diffusion: diffusivity of smoke and of heat [m²/s].
         density_dissipation, temperature_cooling: decay rates [1/s].
         extinction: σ [1/m] at density 1.
-        extinction_color: factor on σ for red, green and blue: its shadows have the colours that are let through.
-        albedo: share of the dimmed light that is scattered on, linear RGB, for the light grid.
-        density_scale: factor on the density that is exported.
+        extinction_color: factor on σ for red, green and blue; shadows take the colours that are let through.
+        albedo: fraction of the extinguished light that is scattered, linear RGB; used by the light grid.
+        density_scale: factor on the exported density.
         grids: fields written to the volume files: density, temperature, velocity, light (what the smoke scatters).
-        active_box: whether smoke and air are carried only where there is smoke or fast air, and around it.
+        active_box: whether advection is limited to a box around the smoke and the fast air.
         advection, pressure_solver, pressure_tolerance, diffusion_solver: None = chosen by the plan.
-        diffusion_sweeps: the most that the diffusion solver jacobi does for each field and substep.
+        diffusion_sweeps: most sweeps of the diffusion solver jacobi, for each field and substep.
     """
 
     lower: tuple[float, float, float] = (-1.0, -1.0, -1.0)
@@ -164,19 +164,20 @@ class SmokeDomain(Prim):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Emitter(Prim):
-    """A mesh, or points, that make smoke inside themselves (USD: `SmokeEmitterAPI`).
+    """A mesh, or a set of points, that emits smoke from its inside (USD: `SmokeEmitterAPI`).
 
     Attributes:
         mesh: its shape, in local space; points are small spheres.
-        density, temperature: of the smoke it makes; may change.
+        density, temperature: those of the smoke it emits; may change.
         rate: [1/s], smoke of `density` added each second; None = the values are held inside the mesh; may change.
-        velocity: [m/s] along the stage's axes, given to air that is slower that way; may change.
-        inherit_velocity: share of the emitter's own motion given to the smoke.
-        source: volume (all that is inside) or surface (a skin one voxel thick).
-        noise: how uneven density and temperature are, in space and time: 0 even, 1 down to nothing.
+        velocity: [m/s] along the stage's axes, imposed on air that is slower in that direction; may change.
+        inherit_velocity: fraction of the emitter's own motion given to the smoke.
+        source: volume (the whole inside) or surface (a skin one voxel thick).
+        noise: how far noise in space and time lowers density and temperature: 0 = not at all, 1 = down to nothing.
         noise_scale: size of the noise's features [stage units]; None = a quarter of the emitter's longest side.
-        turbulence: force that stirs the air inside it, root mean square [m/s²], with the domain's `turbulence_scale`.
-        enabled: may change.
+        turbulence: root mean square of a random force that stirs the air inside it [m/s²], with the domain's
+            `turbulence_scale`.
+        enabled: whether it emits; may change.
     """
 
     mesh: Mesh | Points
@@ -209,7 +210,7 @@ class Emitter(Prim):
 
     @property
     def is_partial(self) -> bool:
-        """Whether it makes less smoke in some of the cells inside it than in others."""
+        """Whether it emits less smoke in some of the cells inside it than in others."""
         return self.noise > 0.0 or self.source == "surface"
 
 
@@ -219,8 +220,8 @@ class Collider(Prim):
 
     Attributes:
         mesh: its shape, in local space.
-        thickness: added outside the mesh [voxels].
-        friction: how far it holds back viscous air that moves along it: 0 slips, 1 sticks.
+        thickness: layer added around the mesh [voxels].
+        friction: how strongly it holds back viscous air moving along it: 0 = slip, 1 = no slip.
     """
 
     mesh: Mesh

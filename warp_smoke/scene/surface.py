@@ -1,4 +1,4 @@
-"""The set: meshes that cast shadows, and what is baked for them."""
+"""The surfaces of the set: meshes that cast shadows, and what is baked for them."""
 
 from dataclasses import dataclass, field, replace
 
@@ -10,7 +10,7 @@ from warp_smoke.record import FieldError, Record, Samples, flag, read_only, swit
 from warp_smoke.scene.prim import Prim
 from warp_smoke.uv_fit import UvFit, fit_unit_square
 
-# What is baked for the points of a surface; `depth` is of the lights that shine on it.
+# Bakes at the points of a surface; `depth` belongs to the lights that shine on it.
 SURFACE_BAKES = ("lit", "irradiance", "visibility", "smokeShadow", "normal")
 BAKES = (*SURFACE_BAKES, "depth")
 
@@ -21,12 +21,12 @@ class Receiver(Record):
 
     Attributes:
         path: prim path of the surface.
-        bake: pictures, of `BAKES`: of the surface's points (`SURFACE_BAKES`), or `depth`, the shadow maps of the
-            lights that light it, which needs no texture coordinates.
+        bake: pictures to bake, out of `BAKES`: those of the surface's points (`SURFACE_BAKES`), or `depth`, the shadow
+            maps of the lights that illuminate it, which needs no texture coordinates.
         texture_size: texels along a side.
-        texture_bits: of each channel of the pictures, 8 or 16.
-        receive_smoke, receive_shadow: whether shadows of smoke, and of surfaces, fall on it.
-        given: names of the fields that the stage sets, which no quality preset changes; not part of equality.
+        texture_bits: bits in each channel of the pictures, 8 or 16.
+        receive_smoke, receive_shadow: whether shadows of smoke and shadows of surfaces fall on it.
+        given: names of the fields that the stage sets, which no quality preset changes; ignored by equality.
     """
 
     path: str
@@ -48,13 +48,13 @@ class Receiver(Record):
 
     @property
     def surface_bakes(self) -> tuple[str, ...]:
-        """Its bakes that are of the surface's points."""
+        """The bakes at the surface's points, without `depth`."""
         return tuple(bake for bake in self.bake if bake in SURFACE_BAKES)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MaterialSubset(Record):
-    """Triangles with a material of their own (USD: a `GeomSubset` of the family `materialBind`).
+    """A set of triangles with a material of its own (USD: a `GeomSubset` of the family `materialBind`).
 
     Attributes:
         path: prim path.
@@ -74,17 +74,17 @@ class MaterialSubset(Record):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Surface(Prim):
-    """A mesh of the set: it casts shadows, and is baked where it has a receiver.
+    """A mesh of the set, which casts shadows and is baked if it has a receiver.
 
     Attributes:
         mesh: its shape, in local space.
-        material: of the triangles that are in no subset; None = the default grey.
-        subsets: triangles with other materials; where they overlap, the first holds.
+        material: that of the triangles in no subset; None = the default grey.
+        subsets: triangles with other materials; where subsets overlap, the first one counts.
         visible: may change; an invisible surface casts no shadow and is not baked.
         receiver: what to bake, or None.
         instancer: path of the `PointInstancer` that the surface is an instance of: it has no prim of its own, and so
-            no receiver; not part of equality.
-        holds_bakes: whether its prim can hold bakes, as a Mesh can and a Sphere cannot; not part of equality.
+            no receiver; ignored by equality.
+        holds_bakes: whether its prim can hold bakes, as a Mesh can and a Sphere cannot; ignored by equality.
     """
 
     mesh: Mesh
@@ -110,30 +110,30 @@ class Surface(Prim):
 
     @property
     def bake_fit(self) -> UvFit | None:
-        """How its texture coordinates are brought into [0, 1] for baked pictures; None where they are as they are."""
+        """The mapping of its texture coordinates into [0, 1] for baked pictures; None if they are used unchanged."""
         if self.receiver is None or self.mesh.uvs is None:
             return None
         return fit_unit_square(self.mesh.uvs, 0.5 / self.receiver.texture_size)
 
     @property
     def bake_uvs(self) -> np.ndarray | None:
-        """Texture coordinates of baked pictures at each corner, [m, 3, 2] float32; None without any."""
+        """Texture coordinates of baked pictures at each corner, [m, 3, 2] float32; None if the mesh has none."""
         fit = self.bake_fit
         return self.mesh.uvs if fit is None else fit(self.mesh.uvs)
 
     @property
     def materials(self) -> tuple[Material, ...]:
-        """Its own material, then those of its subsets; defaults where there is none."""
+        """Its own material, then those of its subsets, with the default in place of None."""
         return tuple(material or Material() for material in (self.material, *(each.material for each in self.subsets)))
 
     @property
     def casts_shadow(self) -> bool:
-        """Whether it stops light: if any of its materials does."""
+        """Whether any of its materials casts a shadow."""
         return any(material.casts_shadow for material in self.materials)
 
     @property
     def pieces(self) -> tuple["Surface", ...]:
-        """The triangles of each material that some have as a surface of their own, without subsets or receiver."""
+        """One surface for each material in use, with its triangles and without subsets or receiver."""
         index, plain = self.material_of_triangle, {"subsets": (), "receiver": None}
         return tuple(
             replace(self, mesh=self.mesh.part(np.flatnonzero(index == n)), material=self.materials[n], **plain)
@@ -142,7 +142,7 @@ class Surface(Prim):
 
     @property
     def material_of_triangle(self) -> np.ndarray:
-        """Index into `materials` of each triangle, [m] int32."""
+        """The index into `materials` for each triangle, [m] int32."""
         index = np.zeros(len(self.mesh.triangles), np.int32)
         for number in range(len(self.subsets), 0, -1):
             index[self.subsets[number - 1].triangles] = number
