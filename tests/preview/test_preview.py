@@ -11,6 +11,7 @@ from pxr import Usd, UsdGeom
 from scenes import at, plume
 
 import warp_smoke as ws
+from warp_smoke.files import write_png
 from warp_smoke.geometry import transform_points
 from warp_smoke.lattice import place_lattice
 from warp_smoke.preview import preview
@@ -19,7 +20,7 @@ from warp_smoke.preview.color import linear_to_srgb, to_bytes
 from warp_smoke.preview.stage import PreviewStage
 from warp_smoke.preview.view import StageView
 from warp_smoke.usd.author import author_scene
-from warp_smoke.usd.material import VertexBakeResult
+from warp_smoke.usd.material import BakeResult, VertexBakeResult
 from warp_smoke.usd.write import write_results
 
 SIZE = (160, 120)
@@ -73,6 +74,21 @@ def test_floor_shows_its_baked_picture(results, tmp_path):
     """Where there is no smoke the floor has the baked bytes of its frame, in a stage given by file or by folder."""
     assert (_picture(results, tmp_path, 3)[110, 20] == 200).all()
     assert (_picture(results.parent, tmp_path, 4)[110, 20] == 100).all()
+
+
+def test_baked_pictures_keep_their_alpha(tmp_path):
+    """A see-through floor is baked with alpha: where it is not there, what is behind it is seen."""
+    codes = np.full((8, 8, 4), (200, 200, 200, 0), np.uint8)
+    codes[:, 4:, 3] = 255
+    write_png(tmp_path / "lit.png", codes)
+    mesh, path = ws.Mesh.grid((-2, 0, 4), (4, 0, 0), (0, 0, -8)), "/World/Floor"
+    floor = ws.Surface(path=path, mesh=mesh, receiver=ws.Receiver(path=path))
+    camera = ws.Camera(path="/World/Eye", transform=at(0, 1, 6), focal_length=20.0)
+    baked = BakeResult(surface=floor, bake="lit", files={1: "./lit.png"})
+    root = write_results(tmp_path, "floor", ws.Scene(surfaces=[floor], camera=camera, end=1), bakes=[baked])
+    picture = _picture(root, tmp_path, 1)
+    assert (picture[110, 140] == 200).all()
+    assert (picture[110, 20] != 200).all()
 
 
 def test_floor_without_uvs_shows_the_colors_at_its_points(tmp_path):

@@ -141,10 +141,11 @@ class PreviewStage:
         return Frame(number, (None,) * len(slices), pictures, colors, slices, quantity, off)
 
     def _load_picture(self, path: str, file: str) -> np.ndarray:
-        """[h, w, 3] uint8; the same array while the file stays the same, which is then not sent to VTK again."""
+        """[h, w, 3], or [h, w, 4] with opacity; the same array, not sent to VTK again, while the file stays the same."""
         if self._last_pictures.get(path, (None,))[0] != file:
-            codes = Picture.read(file, "sRGB").codes
-            self._last_pictures[path] = file, np.broadcast_to(codes, (*codes.shape[:2], 3))
+            picture = Picture.read(file, "sRGB")
+            colors = np.broadcast_to(picture.codes, (*picture.codes.shape[:2], 3))
+            self._last_pictures[path] = file, colors if picture.alpha is None else np.dstack([colors, picture.alpha])
         return self._last_pictures[path][1]
 
     def _relight(self, number: int, pictures: dict, colors: dict, switches: Switches) -> dict[str, np.ndarray]:
