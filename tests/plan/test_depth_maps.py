@@ -127,7 +127,7 @@ def test_a_light_without_a_map_is_warned_of(light, receiver, why):
     sun = replace(SUN, illuminates=("/World/Kept",))
     lamp = replace(LAMP, illuminates=("/World/Floor", "/World/Other"), **light)
     plan = ws.make_plan(scene(*floors, kept, lights=[lamp, sun]))
-    assert plan.warnings == (f"/World/Lamp: no depth map of it for /World/Floor, /World/Other: {why}",)
+    assert plan.warnings == (f"/World/Lamp: no depth map for /World/Floor, /World/Other: {why}",)
     assert plan.depth_maps == {"/World/Sun": "once"}
 
 

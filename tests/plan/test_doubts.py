@@ -93,7 +93,7 @@ def test_tiny_emitters_are_named(cells, warned):
     assert (max(made) > 5 * min(made)) == warned
 
 
-IDLE = "/Source: it gives nothing: its density or rate is 0, and no heat or motion of it is used"
+IDLE = "/Source: it has no effect: its density or rate is 0, and its heat and motion are not used"
 NEVER = "/Smoke: no emitter that is ever on touches it, so it never holds smoke"
 AIR = "/Smoke: it never holds smoke: the density or rate of /Source is 0"
 

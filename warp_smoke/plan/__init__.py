@@ -1,4 +1,4 @@
-"""Which effects a scene calls for: the passes that its outputs need, in order, and why every other pass is left out."""
+"""The plan: the passes that a scene's outputs need, in order, and why every other pass is left out."""
 
 from warp_smoke.plan.passes import DepthPlan, DomainPlan, LeftOut, LightPlan, Pass, ReceiverPlan, When
 from warp_smoke.plan.plan import Plan

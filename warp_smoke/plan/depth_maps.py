@@ -1,4 +1,4 @@
-"""Which shadow maps are written as pictures: those of the lights that light a surface whose receiver bakes `depth`."""
+"""Planning of the shadow maps written as pictures: those of lights that reach a receiver that bakes `depth`."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from warp_smoke.scene import MAP_FILTERS, Light, Scene, Surface
 
 
 def plan_depth_maps(ledger: Ledger, scene: Scene, shadows: SurfaceShadows) -> tuple[DepthPlan, ...]:
-    """Plans the pictures of shadow maps, after all else that asks for the maps."""
+    """Plans the pictures of shadow maps, once everything else that needs the maps is planned."""
     receivers = [each for each in scene.surfaces if each.receiver and "depth" in each.receiver.bake]
     receivers = [each for each in receivers if not why_unseen(scene, each)]
     shining = lights_that_shine(ledger, scene) if receivers else []
@@ -41,7 +41,7 @@ def plan_depth_maps(ledger: Ledger, scene: Scene, shadows: SurfaceShadows) -> tu
 
 
 def _note_written(ledger: Ledger, found: list[tuple[Surface, list[Light]]], shadows: SurfaceShadows) -> None:
-    """Notes each light's picture once, with all the surfaces that ask for it."""
+    """Records each light's picture once, with all the surfaces that ask for it."""
     for light in {light.path: light for _, lights in found for light in lights}.values():
         paths = [surface.path for surface, lights in found if any(each is light for each in lights)]
         why = f"{', '.join(paths)} bake{'s' * (len(paths) == 1)} depth"
@@ -60,7 +60,7 @@ def _reaches(ledger: Ledger, scene: Scene, light: Light, surface: Surface, corne
 
 
 def _why_no_map(light: Light, surface: Surface, casters: list[Surface]) -> str:
-    """Why a light that reaches a surface has no map for it; empty if it has one."""
+    """Returns why a light that reaches a surface has no map for it; empty if it has one."""
     if not light.shadow_enable:
         return "its inputs:shadow:enable is false; allowed: true"
     if light.shadow_filter not in MAP_FILTERS:

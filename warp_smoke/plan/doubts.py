@@ -1,4 +1,4 @@
-"""Parts of a scene that can be run but were probably not intended; each is worth a warning."""
+"""Warnings about parts of a scene that can be run but were probably not intended."""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -21,13 +21,13 @@ from warp_smoke.scene import (
     Surface,
 )
 
-# Share of a cell's side below which an emitter is too small: what a ball of it gives differs eightfold from the middle
-# of a cell to its corner, as measured; that of a ball of 0.75 2.6-fold.
+# Fraction of a cell's side below which an emitter is too small. Measured: the output of a ball this wide differs by a
+# factor of 8 between the middle of a cell and its corner, that of a ball of 0.75 by a factor of 2.6.
 _SMALL = 0.5
 
 
 def open_meshes(domains: Iterable[DomainPlan]) -> Iterator[str]:
-    """Emitters and colliders with holes, whose inside can only be estimated."""
+    """Yields a warning for each emitter or collider with holes, whose inside can only be estimated."""
     shapes = {each.path: each for domain in domains for each in (*domain.emitters, *domain.colliders)}
     for path, each in shapes.items():
         mesh = getattr(each, "mesh", None)
@@ -36,11 +36,11 @@ def open_meshes(domains: Iterable[DomainPlan]) -> Iterator[str]:
 
 
 def idle_emitters(scene: Scene, domains: Sequence[DomainPlan]) -> Iterator[str]:
-    """Emitters that change nothing, and domains that hold hot or moving air alone."""
+    """Yields warnings for emitters without effect, and for domains that hold no smoke, only hot or moving air."""
     for each in scene.emitters:
         here = [domain for domain in domains if any(each.path == other.path for other in domain.emitters)]
         if not _smokes(each) and not any(_stirs_or_heats(each, domain) for domain in here):
-            yield f"{each.path}: it gives nothing: its density or rate is 0, and no heat or motion of it is used"
+            yield f"{each.path}: it has no effect: its density or rate is 0, and its heat and motion are not used"
     for domain in domains:
         if not any(map(_smokes, domain.emitters)) and "temperature" not in domain.grids:
             sources = ", ".join(each.path for each in domain.emitters)
@@ -48,7 +48,7 @@ def idle_emitters(scene: Scene, domains: Sequence[DomainPlan]) -> Iterator[str]:
 
 
 def _smokes(emitter: Emitter | ArrayEmitter) -> bool:
-    """Whether it ever makes smoke."""
+    """Returns whether it ever emits smoke."""
     rate = getattr(emitter, "rate", None)
     return weighs(emitter) and (rate is None or bool(np.any(each_value(rate))))
 
@@ -59,7 +59,7 @@ def _stirs_or_heats(emitter: Emitter | ArrayEmitter, domain: DomainPlan) -> bool
 
 
 def small_emitters(domains: Iterable[DomainPlan], time: float) -> Iterator[str]:
-    """Emitters smaller than half a cell: the share of cells inside is exact for planes alone, and left to chance."""
+    """Yields a warning for each emitter smaller than half a cell: what share of a cell it fills is left to chance."""
     for domain in domains:
         for each in domain.emitters:
             if isinstance(each, Emitter) and isinstance(each.mesh, Mesh):
@@ -68,12 +68,12 @@ def small_emitters(domains: Iterable[DomainPlan], time: float) -> Iterator[str]:
                 if 0.0 < size < _SMALL * cell:
                     yield (
                         f"{each.path}: it is {size:.3g} across and the cells of {domain.domain.path} are {cell:.3g}, "
-                        "so where in a cell it stands decides how much it gives, if any; is a higher resolution meant?"
+                        "so how much it emits, if any, depends on where in a cell it is; is a higher resolution meant?"
                     )
 
 
 def filled_domains(domains: Iterable[DomainPlan], time: float) -> Iterator[str]:
-    """Colliders that fill a domain as long as they stand still, so that it holds neither air nor smoke."""
+    """Yields a warning for each stationary collider that fills a domain, leaving room for neither air nor smoke."""
     for domain in domains:
         for each in domain.colliders:
             if not is_moving(each) and _fills(each, domain.lattice, time):
@@ -81,7 +81,7 @@ def filled_domains(domains: Iterable[DomainPlan], time: float) -> Iterator[str]:
 
 
 def _fills(collider: Collider | ArrayCollider, lattice: Lattice, time: float) -> bool:
-    """Whether all cells' centres are inside: the middle is, and no triangle comes near the box around them."""
+    """Returns whether all cell centres are inside: the middle is, and no triangle comes near their box."""
     if isinstance(collider, ArrayCollider):
         return bool(np.all(value_at(collider.solid, time) <= 0.0))
     points = transform_points(collider.transform_at(time) @ lattice.world_to_cells(), collider.mesh.points_at(time))
@@ -92,7 +92,7 @@ def _fills(collider: Collider | ArrayCollider, lattice: Lattice, time: float) ->
 
 
 def _winding_number(corners: np.ndarray) -> float:
-    """How often triangles [m, 3, 3] wind around the origin (A. Van Oosterom, J. Strackee, 1983)."""
+    """Returns how often triangles [m, 3, 3] wind around the origin (A. Van Oosterom, J. Strackee, 1983)."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     x, y, z = (np.linalg.norm(each, axis=1) for each in (a, b, c))
     solid = np.einsum("ni,ni->n", a, np.cross(b, c))
@@ -101,17 +101,18 @@ def _winding_number(corners: np.ndarray) -> float:
 
 
 def dark_receivers(receivers: Iterable[ReceiverPlan], time: float) -> Iterator[str]:
-    """Receivers that bake black for their winding or their normals."""
+    """Yields a warning for each receiver that bakes to black because of its winding or its normals."""
     for each in receivers:
         if each.lights and faces_away(each.surface, [light.light for light in each.lights], time):
             yield f"{each.surface.path}: it faces away from every light; are its orientation and normals right?"
 
 
 def faces_away(surface: Surface, lights: Iterable[Light], time: float) -> bool:
-    """Whether every corner of a surface turns its back to every light; False where any of them moves.
+    """Returns whether every corner of a surface faces away from every light; False if the surface or a light moves.
 
     Args:
-        surface: its front is where its normals point, or, without any, from where its triangles are counter-clockwise.
+        surface: its normals point to its front; without normals, the front is the side that sees its triangles
+            counter-clockwise.
         lights: the lights that reach it.
         time: time code.
     """
@@ -128,7 +129,7 @@ def faces_away(surface: Surface, lights: Iterable[Light], time: float) -> bool:
 
 
 def _towards(light: Light, points: np.ndarray, time: float) -> np.ndarray:
-    """Vectors from world points to a light, of any length."""
+    """Returns vectors from world points towards a light, not normalized."""
     if isinstance(light, DistantLight):
         return np.broadcast_to(-light.direction_at(time), points.shape)
     return light.position_at(time) - points

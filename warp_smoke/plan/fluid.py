@@ -1,4 +1,4 @@
-"""Which fluid passes a domain calls for."""
+"""Planning of the fluid passes that a domain needs."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,13 +27,16 @@ _COLD = "no buoyancy reads it and it is not exported"
 
 
 def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain, stirred_by: str = "") -> DomainPlan | None:
-    """Plans the fluid of one domain, or None if it never holds smoke.
+    """Plans the fluid passes of one domain; returns None if it never holds smoke.
 
     Args:
-        ledger: takes the passes.
-        scene: all of it.
+        ledger: where the passes are recorded.
+        scene: the scene.
         domain: one of its domains.
-        stirred_by: what else moves the air, which the scene does not tell of; nothing if empty.
+        stirred_by: what moves the air besides the scene, such as a script's force; empty if nothing does.
+
+    Raises:
+        FieldError: the domain asks for a solver that cannot serve it.
     """
     lattice = place_lattice(scene, domain)
     emitters = find_emitters(ledger, scene, domain, lattice)
@@ -73,7 +76,7 @@ def plan_domain(ledger: Ledger, scene: Scene, domain: SmokeDomain, stirred_by: s
 
 
 class _Choice(NamedTuple):
-    """A pass, whether anything asks for it, and the reason for either."""
+    """A pass, whether anything asks for it, and the reason why or why not."""
 
     name: str
     asked: object
@@ -86,7 +89,7 @@ class _Choice(NamedTuple):
 
 @dataclass(frozen=True)
 class _Smoke:
-    """The smoke of a domain: what takes part in it, and what moves it."""
+    """The smoke of a domain: what takes part in the simulation, and what moves the air."""
 
     domain: SmokeDomain
     lattice: Lattice
@@ -131,7 +134,7 @@ class _Smoke:
 
 
 def _choose_sources(smoke: _Smoke) -> Iterator[_Choice]:
-    """Colliders, wind and emitters."""
+    """Yields the choices of colliders, wind and emitters."""
     domain, emitters, colliders = smoke.domain, smoke.emitters, smoke.colliders
     spreads = domain.density_diffusion or (smoke.has_heat and domain.temperature_diffusion)
     yield _Choice(
@@ -158,7 +161,7 @@ def _choose_sources(smoke: _Smoke) -> Iterator[_Choice]:
 
 
 def _choose_forces(smoke: _Smoke) -> Iterator[_Choice]:
-    """What accelerates the air."""
+    """Yields the choices of the forces on the air."""
     domain = smoke.domain
     why = "smoke is hotter or colder than the air" if smoke.rises_by_heat else "smoke has weight"
     why_not = "no emitter makes smoke that buoyancy acts on"
@@ -171,7 +174,7 @@ def _choose_forces(smoke: _Smoke) -> Iterator[_Choice]:
 
 
 def _choose_viscosity(smoke: _Smoke, solver: str, solver_why: str) -> _Choice:
-    """Diffusion of the velocity."""
+    """Returns the choice of velocity diffusion."""
     domain = smoke.domain
     sticky = domain.boundary is not None and "no_slip" in domain.boundary
     rough = [each for each in smoke.colliders if each.friction]
@@ -183,11 +186,11 @@ def _choose_viscosity(smoke: _Smoke, solver: str, solver_why: str) -> _Choice:
 
 
 def _choose_flow(smoke: _Smoke, scheme: str, solver: str, solver_why: str) -> Iterator[_Choice]:
-    """Pressure and advection."""
+    """Yields the choices of pressure projection and advection."""
     flows, stirred_by = smoke.flows, smoke.stirred_by
     why = f"{stirred_by} moves the air; " * bool(stirred_by) + f"air keeps its volume; {solver_why}"
     yield _Choice("project_pressure", flows, why, _STILL, "velocity without divergence", solver)
-    why = "air and smoke are carried where there is smoke or fast air, and around it, and nowhere else"
+    why = "air and smoke are advected only in a box around the smoke and the fast air"
     boxed, why_not = smoke.domain.active_box, _STILL if smoke.domain.active_box else "activeBox is false"
     yield _Choice("fit_active_box", flows and boxed, why, why_not, "cells that are active")
     yield _Choice("advect_velocity", flows, "air carries its own motion along", _STILL, "velocity", scheme)
@@ -197,7 +200,7 @@ def _choose_flow(smoke: _Smoke, scheme: str, solver: str, solver_why: str) -> It
 
 
 def _choose_spreading(smoke: _Smoke, solver: str, solver_why: str) -> Iterator[_Choice]:
-    """Diffusion of smoke and heat."""
+    """Yields the choices of diffusion of smoke and heat."""
     spread = smoke.domain.density_diffusion
     why = f"densityDiffusion is {spread:g} m²/s; {solver_why}"
     yield _Choice("diffuse_density", spread, why, "densityDiffusion is 0", "density", solver)
@@ -208,7 +211,7 @@ def _choose_spreading(smoke: _Smoke, solver: str, solver_why: str) -> Iterator[_
 
 
 def _choose_decay(smoke: _Smoke) -> Iterator[_Choice]:
-    """Dissipation and cooling."""
+    """Yields the choices of dissipation and cooling."""
     rate = smoke.domain.density_dissipation
     why = f"densityDissipation is {rate:g}/s"
     yield _Choice("dissipate_density", rate, why, "densityDissipation is 0", "density")
@@ -218,7 +221,7 @@ def _choose_decay(smoke: _Smoke) -> Iterator[_Choice]:
 
 
 def _choose_grids(ledger: Ledger, scene: Scene, smoke: _Smoke) -> tuple[str, ...]:
-    """The grids that are written to the volume file."""
+    """Returns the grids that are written to the volume file."""
     path, asked = smoke.domain.path, smoke.domain.grids
     dark = not any(scene.ambient) and not any(light.shines for light in scene.lights)
     needless = {"velocity": not smoke.flows and _STILL, "light": dark and "no light shines"}
@@ -234,7 +237,7 @@ def _paths(prims: list | tuple) -> str:
 
 
 def _pressure_solver(domain: SmokeDomain, colliders: tuple[Collider | ArrayCollider, ...]) -> tuple[str, str]:
-    """The solver, and why it is taken."""
+    """Returns the pressure solver and why it is used."""
     solver = domain.pressure_solver
     if solver is None and colliders:
         return "multigrid", f"multigrid is the fastest solver around {_paths(colliders)}"
@@ -248,7 +251,7 @@ def _pressure_solver(domain: SmokeDomain, colliders: tuple[Collider | ArrayColli
 
 
 def _diffusion_solver(domain: SmokeDomain, colliders: tuple[Collider | ArrayCollider, ...]) -> tuple[str, str]:
-    """The solver, and why it is taken."""
+    """Returns the diffusion solver and why it is used."""
     solver = domain.diffusion_solver
     if solver is None and colliders:
         return "jacobi", f"jacobi takes {_paths(colliders)} into account"

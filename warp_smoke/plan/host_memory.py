@@ -1,24 +1,23 @@
-"""Estimates of the host's memory beside the device's: results that wait to be written, and checkpoints."""
+"""Estimates of host memory, apart from the device's: results waiting to be written, and checkpoints."""
 
 from warp_smoke.plan.passes import DepthPlan, DomainPlan, ReceiverPlan
 
-# Floats of a cell: a checkpoint has velocity, pressure, density and temperature; of frames in hand there is one that
-# is made and one or two that are written (measured on the example stages).
+# Floats per cell: a checkpoint holds velocity, pressure, density and temperature; of the frames in memory, one is being
+# simulated and one or two are being written (measured on the example stages).
 _CHECKPOINT = 6.0
 _FRAMES = 2.5
 _GRIDS = {"density": 1, "temperature": 1, "velocity": 3, "light": 3}
-# Bytes of a texel for each bake, in frames in hand and in the making, and for a shadow map; and while a picture is
-# computed.
+# Bytes per texel: of each bake, finished and in progress; of a shadow map; and of a procedural picture being computed.
 _BAKE = 16
 _DEPTH = 8
-_CROSS = 12  # faces that the picture of a cube has room for
+_CROSS = 12  # faces that the picture of a cube map has room for (4 × 3)
 _PROCEDURAL = 96
 
 
 def host_estimate(
     domains: tuple[DomainPlan, ...], receivers: tuple[ReceiverPlan, ...], depths: tuple[DepthPlan, ...]
 ) -> dict[str, int]:
-    """Host memory by prim path of domain, receiver and light [bytes]."""
+    """Returns host memory by prim path of domain, receiver and light [bytes]."""
     found = {}
     for each in domains:
         floats = _CHECKPOINT + _FRAMES * sum(_GRIDS[grid] for grid in each.grids)

@@ -17,9 +17,9 @@ from warp_smoke.shadow.light_buffer import LINE, fit_buffer, light_times
 from warp_smoke.shadow.projective import SCATTER_PARTS
 from warp_smoke.shadow.splats import SPLATS, tap_count
 
-# Floats for each cell; velocity components count as one each.
+# Floats per cell; each velocity component counts as one.
 _STATE = {"emit_density": 1, "emit_temperature": 1, "voxelize_colliders": 4, "confine_vorticity": 4, "stir_air": 3}
-_FLOW = 5  # velocity, pressure's first guess and divergence
+_FLOW = 5  # velocity, the initial guess for pressure, and divergence
 _SOLVER = {
     "spectral": 1.1,
     "multigrid": 12.5,
@@ -28,15 +28,16 @@ _SOLVER = {
     "red_black": 5.2,
     "jacobi": 6.3,
 }
-_OPEN_FACES = 4  # iterative solvers need them without colliders too
+_OPEN_FACES = 4  # needed by iterative solvers without colliders too
 _DIFFUSION = {"spectral": 0, "jacobi": 3}
-# Of a shadow caster: three points and indices, and in Warp's hierarchy two nodes of 32 bytes, bounds and indices.
+# Bytes per triangle of a shadow caster: three points and indices, and in Warp's bounding volume hierarchy two nodes of
+# 32 bytes, bounds and indices.
 _TRIANGLE = 48 + 108
-_LIGHT_BLOCK = 16384  # cells that `shading.volume` lights at a time
-_GHOSTS = 7  # at both ends of periodic axes, with the default Courant number
-_MOVING = 4  # velocity of solid faces, and the cells that were fluid before
-_FRICTION = 3  # of faces
-_PULL = 6  # of walls that move, along two axes on each face
+_LIGHT_BLOCK = 16384  # cells that `shading.volume` lights at once
+_GHOSTS = 7  # cells at each end of a periodic axis, at the default Courant number
+_MOVING = 4  # velocity of solid faces, and which cells were fluid before
+_FRICTION = 3  # friction of faces
+_PULL = 6  # pull of moving walls, along two axes on each face
 _ADVECTION = {"semi_lagrangian": 7.0, "semi_lagrangian_cubic": 7.0, "maccormack": 16.0, "bfecc": 20.0}
 
 
@@ -47,9 +48,9 @@ def memory_estimate(
     volumes: tuple[VolumePlan, ...] = (),
     depths: tuple[DepthPlan, ...] = (),
 ) -> dict[str, int]:
-    """Device memory by prim path: of a domain's solver, a receiver's bake and a light's maps and buffers [bytes].
+    """Returns device memory by prim path: of a domain's solver, a receiver's bake, a light's maps and buffers [bytes].
 
-    Triangles that shadow several lights count for the first of them.
+    Triangles that block several lights are counted for the first of them.
     """
     estimate = {each.domain.path: _domain_bytes(each) for each in domains}
     for volume in volumes:
@@ -89,7 +90,7 @@ def _domain_bytes(plan: DomainPlan) -> int:
 
 
 def _friction_floats(plan: DomainPlan) -> float:
-    """Floats for each cell of the colliders' friction and pull, the field that they act on, and all among ghosts."""
+    """Returns the floats per cell of colliders' friction and pull, the field they act on, and copies with ghosts."""
     rough = [each for each in plan.colliders if each.friction]
     pulls = any(is_moving(each) for each in rough)
     floats = _FRICTION * bool(rough) + _PULL * pulls
@@ -101,7 +102,7 @@ def _friction_floats(plan: DomainPlan) -> float:
 
 
 def _ghost_floats(plan: DomainPlan) -> float:
-    """Floats for each cell of copies of the fields with ghosts beyond periodic sides, besides those of a closed box."""
+    """Returns the floats per cell of field copies with ghosts beyond periodic sides, on top of a closed box's."""
     shape, rings = plan.lattice.shape, [side == "periodic" for side in plan.lattice.sides[0::2]]
     if not any(rings):
         return 0.0
@@ -114,36 +115,38 @@ def _ghost_floats(plan: DomainPlan) -> float:
 
 
 def _eddy_floats(plan: DomainPlan) -> float:
-    """Floats for each cell of turbulence's nodes: three times two gradients and a speed, a gradient, and two ramps."""
+    """Returns the floats per cell of turbulence's nodes: 3 × (2 gradients, a speed), a gradient, and two ramps."""
     nodes, (nx, ny, _) = place_eddies(plan.lattice, plan.domain.turbulence_scale).nodes, plan.lattice.shape
     return (24 * prod(nodes) + 2 * (nx + 1) * (ny + 1) * nodes[2]) / plan.lattice.cells
 
 
 def _array_floats(record: Emitter | ArrayEmitter | Collider | ArrayCollider) -> int:
-    """Floats for each cell of an emitter or collider from arrays; meshes take little."""
+    """Returns the floats per cell of an emitter or collider from arrays; 0 for meshes, which take little."""
     if isinstance(record, ArrayEmitter):
         return sum(3 if name == "velocity" else 1 for name in record.fields)
     return int(isinstance(record, ArrayCollider))
 
 
 def _receiver_bytes(plan: ReceiverPlan) -> int:
-    """For a texture that the surface fills."""
+    """Returns the bytes of a receiver's bakes, for a texture that the surface fills completely."""
     materials, bakes = plan.surface.materials, set(plan.bakes)
     shares, lit, irradiance = 4 * bool({"visibility", "smokeShadow"} & bakes), "lit" in bakes, "irradiance" in bakes
-    texel = 104 + shares  # points, normals, triangles, weights, detail and the picture's codes
+    texel = 104 + shares  # points, normals, triangles, weights, detail and the encoded picture
     texel += 8 * any(each.has_pictures for each in materials) + 16 * any(each.needs_tangents for each in materials)
     texel += 12 * any(each.is_marched for each in materials) + 4 * any(each.is_see_through for each in materials)
     texel += 12 * (lit or irradiance) + 12 * irradiance + 24 * plan.surface.mesh.is_smooth
     texel += 6 * (irradiance or (lit and plan.surface.receiver.texture_bits == 16))
     for each in plan.lights:
-        # The smoke's shares also as they were before, and again where smoke can reach.
+        # The smoke's transmittance also of the frame before, and again where smoke can shadow.
         texel += 12 * (lit + irradiance) + 4 * bool(each.surface_shadow) + 12 * _channels(each) + shares
-    texel += 21 * any(each.smoke for each in plan.lights)  # places, indices and points of what smoke can reach
+    texel += 21 * any(
+        each.smoke for each in plan.lights
+    )  # places, indices and coordinates of the points that smoke can shadow
     return plan.surface.receiver.texture_size**2 * texel + _picture_bytes(materials)
 
 
 def _picture_bytes(materials: tuple[Material, ...]) -> int:
-    """Of materials' pictures as linear RGBA; what cannot be read is left to the bake's own error."""
+    """Returns the bytes of materials' pictures as linear RGBA; skips unreadable files, which the bake reports."""
     texels = sum(each.procedural.size**2 for each in materials if each.procedural)
     textures = [getattr(each, field) for each in materials for field in TEXTURES]
     for file in {texture.file for texture in textures if texture}:
@@ -156,19 +159,19 @@ def _picture_bytes(materials: tuple[Material, ...]) -> int:
 
 
 def _light_grid_bytes(plan: VolumePlan) -> int:
-    """Scratch memory for a block of cells: places, light, shares and what surfaces let through."""
+    """Returns the scratch bytes for a block of cells: places, light, and transmittance of smoke and past surfaces."""
     channels = sum({3 if _channels(each) == 3 else 1 for each in plan.lights})
     shadowed = any(each.surface_shadow for each in plan.lights)
     return _LIGHT_BLOCK * (4 + 12 + 12 + 4 + 4 * channels + 16 * shadowed)
 
 
 def _triangles(scene: Scene, light: Light) -> int:
-    """Those that may shadow the light."""
+    """Returns the number of triangles that may block the light."""
     return sum(len(each.mesh.triangles) for each in scene.shadowing(light))
 
 
 def _light_bytes(scene: Scene, plan: LightPlan) -> dict[str, int]:
-    """The light's depth map, or its mask of casters alone, and its buffer for each domain."""
+    """Returns the bytes of the light's depth map (for rays, of its mask of casters alone) and of its light buffers."""
     found = {}
     if plan.surface_shadow:
         faces = 1 if isinstance(plan.light, DistantLight) or plan.surface_shadow == "spot" else 6
@@ -186,12 +189,12 @@ def _light_bytes(scene: Scene, plan: LightPlan) -> dict[str, int]:
 
 
 def _channels(plan: LightPlan) -> int:
-    """Shares that smoke lets through of one light, at each point."""
+    """Returns how many transmittance values smoke has for one light at each point: 0, 1 or 3."""
     return 0 if not plan.smoke else 3 if any(each.domain.domain.colors_light for each in plan.smoke) else 1
 
 
 def _buffer_bytes(plan: LightPlan, each: SmokeShadowPlan) -> int:
-    """Of the buffer, of what it is spread with, and of the smoke turned so that its rows follow the light's slices."""
+    """Returns the bytes of a light buffer, its diffusion, and the smoke transposed to have rows along its slices."""
     light, lattice = plan.light, each.domain.lattice
     spread = {"paper": 1, "exact": 1, "sweeps": 2}[light.smoke_diffuser] if light.smoke_diffusion else 0
     if each.method == "dpd":

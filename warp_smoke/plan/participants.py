@@ -1,4 +1,4 @@
-"""Which emitters and colliders take part in a domain, and what emitters may do there."""
+"""Selection of the emitters and colliders that take part in a domain, and what emitters may do there."""
 
 import numpy as np
 
@@ -11,36 +11,36 @@ from warp_smoke.scene.arrays import check_cells
 
 
 def heats(emitter: Emitter | ArrayEmitter, ambient: float) -> bool:
-    """Whether its smoke may be hotter or colder than the air; what an array holds may change."""
+    """Returns whether its smoke may be hotter or colder than the air; always for arrays, whose values may change."""
     if isinstance(emitter, ArrayEmitter):
         return emitter.temperature is not None
     return bool(np.any(each_value(emitter.temperature) != ambient))
 
 
 def weighs(emitter: Emitter | ArrayEmitter) -> bool:
-    """Whether it may make smoke that has a density."""
+    """Returns whether it may emit smoke of non-zero density."""
     if isinstance(emitter, ArrayEmitter):
         return emitter.density is not None
     return bool(np.any(each_value(emitter.density)))
 
 
 def pushes(emitter: Emitter | ArrayEmitter) -> bool:
-    """Whether it may give the air a velocity."""
+    """Returns whether it may give the air a velocity."""
     if isinstance(emitter, ArrayEmitter):
         return emitter.velocity is not None
     return bool(np.any(each_value(emitter.velocity)) or (emitter.inherit_velocity and is_moving(emitter)))
 
 
 def stirs(emitter: Emitter | ArrayEmitter) -> bool:
-    """Whether it stirs the air inside it."""
+    """Returns whether it stirs the air inside it."""
     return isinstance(emitter, Emitter) and emitter.turbulence > 0.0
 
 
 def _covers(record: ArrayEmitter | ArrayCollider, domain: SmokeDomain, lattice: Lattice) -> bool:
-    """Whether a record's arrays are meant for a domain.
+    """Returns whether a record's arrays are meant for a domain.
 
     Raises:
-        FieldError: they are, and do not fit its cells.
+        FieldError: they are, but do not fit its cells.
     """
     if record.domain not in (None, domain.path):
         return False
@@ -51,7 +51,7 @@ def _covers(record: ArrayEmitter | ArrayCollider, domain: SmokeDomain, lattice: 
 def find_emitters(
     ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Lattice
 ) -> tuple[Emitter | ArrayEmitter, ...]:
-    """Those that ever make smoke in the domain; the ledger takes why the others do not."""
+    """Returns the emitters that ever act in the domain; the ledger records why the others do not."""
     found = []
     for emitter in scene.emitters:
         if isinstance(emitter, ArrayEmitter):
@@ -78,7 +78,7 @@ def find_emitters(
 def find_colliders(
     ledger: Ledger, scene: Scene, domain: SmokeDomain, lattice: Lattice
 ) -> tuple[Collider | ArrayCollider, ...]:
-    """Those that ever stand in the domain; the ledger takes which do not."""
+    """Returns the colliders that are ever in the domain; the ledger records those that are not."""
     found = []
     for collider in scene.colliders:
         if isinstance(collider, ArrayCollider):

@@ -1,4 +1,4 @@
-"""What a plan is made of: passes that run, passes that do not, and the same sorted for the executor."""
+"""The parts of a plan: passes that run, passes that do not, and the same grouped for the executor."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import NamedTuple
 from warp_smoke.lattice import Lattice
 from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, Emitter, Light, SmokeDomain, Surface
 
-# Fluid first, then what reads its density; inside each group as a step runs.
+# The fluid first, then what reads its density; within each group in the order in which a step runs them.
 PASS_NAMES = (
     "voxelize_colliders",
     "blow_wind",
@@ -51,15 +51,15 @@ class When(StrEnum):
 
 @dataclass(frozen=True)
 class Pass:
-    """One thing that is computed.
+    """One pass: something that is computed.
 
     Attributes:
         name: one of PASS_NAMES.
-        subjects: prim paths that it is done for.
+        subjects: prim paths that it is run for.
         when: how often.
         makes: the result, in words.
         why: what asks for it.
-        method: which of several methods, where there is a choice.
+        method: the method chosen, if there are several; else empty.
     """
 
     name: str
@@ -76,7 +76,7 @@ class Pass:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A pass that nothing needs, and why not."""
+    """A pass that does not run, and why not."""
 
     name: str
     subjects: tuple[str, ...]
@@ -87,22 +87,22 @@ class LeftOut:
 
 
 class Ledger:
-    """Passes and omissions as they are found while a plan is made."""
+    """The passes and omissions found so far while a plan is being made."""
 
     def __init__(self):
         self.passes: dict[tuple, Pass] = {}
         self.left_out: dict[tuple, LeftOut] = {}
 
     def keep(self, name: str, subjects: tuple[str, ...], when: When, makes: str, why: str, method: str = "") -> None:
-        """Notes a pass, once for each place."""
+        """Records a pass, once for each combination of name and subjects."""
         self.passes.setdefault((name, subjects), Pass(name, subjects, when, makes, why, method))
 
     def omit(self, name: str, subjects: tuple[str, ...], why: str) -> None:
-        """Notes that a pass is not run."""
+        """Records that a pass is not run, with the first reason for its name and subjects."""
         self.left_out.setdefault((name, subjects), LeftOut(name, subjects, why))
 
     def in_order(self) -> tuple[Pass, ...]:
-        """The passes as they run."""
+        """Returns the passes in the order in which they run."""
         return tuple(sorted(self.passes.values(), key=lambda each: PASS_NAMES.index(each.name)))
 
 
@@ -130,11 +130,11 @@ class DomainPlan:
 
 
 class SmokeShadowPlan(NamedTuple):
-    """How smoke may stand between one light and one receiver.
+    """How smoke that may lie between one light and one receiver is treated.
 
     Attributes:
-        domain: whose smoke.
-        method: the smoke shadow's.
+        domain: the domain that holds the smoke.
+        method: the smoke shadow method.
         layer: slices in each layer of the light buffer; None = all, where the receiver is outside the domain.
     """
 
@@ -148,8 +148,8 @@ class LightPlan:
     """What one light does for one receiver.
 
     Attributes:
-        surface_shadow: cube, spot, directional, exact or area; None = nothing stands between them.
-        smoke: for each domain whose smoke may stand between them.
+        surface_shadow: cube, spot, directional, exact or area; None = no surface casts a shadow.
+        smoke: one for each domain whose smoke may lie between them.
         when: how often the light's radiance and surface shadow change.
     """
 
@@ -178,14 +178,14 @@ class VolumePlan:
 
 @dataclass(frozen=True)
 class DepthPlan:
-    """The shadow maps that are written as pictures for one surface: those of these lights."""
+    """The lights whose shadow maps are written as pictures for one surface."""
 
     surface: Surface
     lights: tuple[LightPlan, ...]
 
 
 def buffer_layers(lights: Iterable[LightPlan]) -> dict[tuple[str, str, str], int | None]:
-    """Slices in each layer of the light buffers, by path of light and of domain and method: what all can share."""
+    """Returns the slices in each layer of shared light buffers by light path, domain path and method; None = all."""
     layers: dict[tuple[str, str, str], int | None] = {}
     for light in lights:
         for each in light.smoke:

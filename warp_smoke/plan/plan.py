@@ -1,4 +1,4 @@
-"""The plan of a scene: its passes, the memory that they need, and what is doubtful about it."""
+"""The plan of a scene: its passes, the memory that they need, and its warnings."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ class Plan:
     Attributes:
         passes: in the order in which they run.
         left_out: what is not run.
-        domains, receivers, volumes, depths: the same, as the executor reads it.
+        domains, receivers, volumes, depths: the same passes in the form that the executor reads.
         bytes: estimate of device memory by prim path [bytes].
-        chosen: settings that a quality preset, an error or a budget chose; None = all are the scene's.
+        chosen: settings chosen by a quality preset, an error bound or a time budget; None = all are the scene's.
     """
 
     scene: Scene
@@ -46,7 +46,7 @@ class Plan:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user asked for and does not get: smoke, bakes, maps; idle or tiny emitters; doubtful meshes."""
+        """What the user asked for but does not get (smoke, bakes, maps), idle or tiny emitters, and doubtful meshes."""
         marked = {each.path for each in self.scene.domains} | {each.path for each in self.scene.surfaces}
         missing = (
             f"{out.subjects[0]}: {out.why}"
@@ -64,32 +64,32 @@ class Plan:
         return (*missing, *self._missing_maps(), *chain(*doubts))
 
     def _missing_maps(self) -> Iterator[str]:
-        """Receivers that bake `depth`, and lights that have no map for them."""
+        """Yields warnings for receivers that bake `depth` but get no map, and for lights that have no map for them."""
         for out in self.left_out:
             if out.name == "write_depth_map":
                 path, *receivers = out.subjects
-                yield f"{path}: no depth map{' of it for ' * bool(receivers)}{', '.join(receivers)}: {out.why}"
+                yield f"{path}: no depth map{' for ' * bool(receivers)}{', '.join(receivers)}: {out.why}"
 
     @property
     def memory(self) -> str:
-        """The estimates in a line."""
+        """The estimates as one line of text."""
         device, host = (sum(each.values()) / 2**20 for each in (self.bytes, self.host_bytes))
         return f"Memory, estimated: {device:.0f} MiB on the device, {host:.0f} MiB for results waiting to be written"
 
     @property
     def host_bytes(self) -> dict[str, int]:
-        """Estimate of the host's memory beside the device's, by prim path [bytes]."""
+        """Estimate of host memory, apart from the device's, by prim path [bytes]."""
         return host_estimate(self.domains, self.receivers, self.depths)
 
     def check_memory(self, available: int, device: str = "cpu") -> None:
-        """Refuses a plan that is larger than the memory that is free.
+        """Refuses a plan that needs more memory than is free.
 
         Args:
-            available: bytes that are free on the device.
-            device: the CPU's memory holds files that wait to be written as well.
+            available: free memory of the device [bytes].
+            device: on the CPU, the results waiting to be written count too.
 
         Raises:
-            MemoryError: says by how much, and which resolution would fit.
+            MemoryError: it does; the message names both sizes and a resolution that would fit, if there is one.
         """
         parts = dict(self.bytes)
         if device == "cpu":

@@ -1,4 +1,4 @@
-"""The plan of a scene: walks back from the outputs, volume files and baked textures, to what they need."""
+"""Planning: works back from the outputs, volume files and baked textures, to what they need."""
 
 from pathlib import Path
 
@@ -15,11 +15,11 @@ from warp_smoke.scene import Scene
 
 
 def make_plan(scene: Scene | str | Path, stirred_by: str = "", *, quality: str | None = None) -> Plan:
-    """Works out which passes the outputs of a scene, or of a stage's file, need.
+    """Works out which passes the outputs of a scene need.
 
     Args:
-        scene: what to plan for.
-        stirred_by: what else moves the air, such as a script's force, which the scene does not tell of.
+        scene: the scene, or the file of a stage.
+        stirred_by: what moves the air besides the scene, such as a script's force; empty if nothing does.
         quality: a preset for what the scene leaves open: draft, preview or final.
 
     Raises:

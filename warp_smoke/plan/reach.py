@@ -1,4 +1,4 @@
-"""Which things can touch which: conservative tests on bounds over all frames, for the plan."""
+"""Conservative tests for the plan of what can touch, reach or shadow what, on bounds over all frames."""
 
 from itertools import combinations
 
@@ -9,15 +9,15 @@ from warp_smoke.lattice import Lattice
 from warp_smoke.record import Samples, each_value
 from warp_smoke.scene import DistantLight, Light, Prim, SpotLight
 
-# Points up to which every axis that may separate is tried, in 30 ms; for more a linear program (0.3 s to import).
+# The most points for which every separating axis is tried, in 30 ms; for more, a linear program (0.3 s to import).
 _MOST_FOR_AXES = 48
-# A gap that counts, as a share of the scene: more than round-off.
+# Smallest gap that counts, relative to the size of the scene: more than round-off.
 _GAP = 1e-9
 _CORNERS = np.array([[i, j, k] for i in (0.0, 1.0) for j in (0.0, 1.0) for k in (0.0, 1.0)])
 
 
 def swept_corners(prim: Prim, frames: range) -> np.ndarray:
-    """Corners of a shape's local bounds in the world at every frame, [8 t, 3] float64; none without points."""
+    """Returns the world corners of a shape's local bounds at every frame, [8 t, 3] float64; none without points."""
     points = each_value(prim.mesh.points).reshape(-1, 3)
     if not len(points):
         return np.zeros((0, 3))
@@ -28,17 +28,17 @@ def swept_corners(prim: Prim, frames: range) -> np.ndarray:
 
 
 def box_corners(lattice: Lattice) -> np.ndarray:
-    """World corners of a lattice's box, [8, 3]."""
+    """Returns the world corners of a lattice's box, [8, 3]."""
     return transform_points(lattice.cells_to_world(), _CORNERS * lattice.shape)
 
 
 def is_moving(*prims: Prim) -> bool:
-    """Whether any of the prims changes place or shape."""
+    """Returns whether any of the prims moves or deforms."""
     return any(prim.moves or (hasattr(prim, "mesh") and prim.mesh.deforms) for prim in prims)
 
 
 def is_flat(prim: Prim) -> bool:
-    """Whether all points of a mesh always lie in one plane, so that it cannot shadow itself."""
+    """Returns whether all points of a mesh always lie in one plane, so that it cannot shadow itself."""
     if prim.mesh.deforms:
         return False
     points = each_value(prim.mesh.points)[0].astype(np.float64)
@@ -49,14 +49,14 @@ def is_flat(prim: Prim) -> bool:
 
 
 def over(value: object, frames: range) -> np.ndarray:
-    """What a field is at every frame, and at its samples between them."""
+    """Returns a field's values at every frame and at the samples in between, or its one value if it has no samples."""
     if not isinstance(value, Samples):
         return np.asarray(value)
     return np.array([value.at(time) for time in times_in(value, frames)])
 
 
 def in_box(lattice: Lattice, points: np.ndarray, margin: float = 0.0) -> bool:
-    """Whether the hull of world points [n, 3] meets a lattice's box, made smaller on each side by so many cells."""
+    """Returns whether the hull of world points [n, 3] meets a lattice's box, shrunk on each side by `margin` cells."""
     if not len(points):
         return False
     cells = transform_points(lattice.world_to_cells(), points)
@@ -64,18 +64,18 @@ def in_box(lattice: Lattice, points: np.ndarray, margin: float = 0.0) -> bool:
 
 
 def may_touch(lattice: Lattice, points: np.ndarray) -> bool:
-    """Whether the hull of world points [n, 3], or an image of it along periodic axes, meets a lattice's box."""
+    """Returns whether the hull of world points [n, 3], or an image of it along periodic axes, meets a lattice's box."""
     if not len(points):
         return False
     cells = transform_points(lattice.world_to_cells(), points)
     for axis, side in enumerate(lattice.sides[0::2]):
-        if side == "periodic":  # an image is everywhere along the axis, in the box's middle too
+        if side == "periodic":  # images repeat along the axis, so the test there always passes
             cells[:, axis] = lattice.shape[axis] / 2
     return _hull_meets_box(cells, np.zeros(3), np.asarray(lattice.shape, float))
 
 
 def in_range(light: Light, points: np.ndarray, frames: range) -> bool:
-    """Whether a light reaches any point of the hull of world points: within its falloff's end."""
+    """Returns whether the bounds of world points [n, 3] come within a light's falloff end at any frame."""
     if isinstance(light, DistantLight) or light.falloff_end is None:
         return True
     positions = np.array([matrix[3, :3] for matrix in _transforms(light, frames)])
@@ -85,10 +85,10 @@ def in_range(light: Light, points: np.ndarray, frames: range) -> bool:
 
 
 def may_shadow(light: Light, blocker: np.ndarray, receiver: np.ndarray, frames: range) -> bool:
-    """Whether anything in a blocker's bounds may lie between a light and a receiver, at any frame.
+    """Returns whether anything in a blocker's bounds may lie between a light and a receiver, at any frame.
 
-    The hull of the light and the receiver (all frames together, so never too small) is tested against the blocker's
-    bounding box.
+    The hull of the light and the receiver, over all frames together and so never too small, is tested against the
+    blocker's bounding box, and so is a spot light's cone.
 
     Args:
         light: the light.
@@ -112,7 +112,7 @@ def may_shadow(light: Light, blocker: np.ndarray, receiver: np.ndarray, frames: 
 
 
 def _cone_meets(light: SpotLight, matrices: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
-    """Whether the bounding sphere of a box meets a spot light's cone at any frame."""
+    """Returns whether the bounding sphere of a box meets a spot light's cone at any frame."""
     centre, radius = (lower + upper) / 2, np.linalg.norm(upper - lower) / 2
     for matrix in matrices:
         offset = centre - matrix[3, :3]
@@ -127,35 +127,35 @@ def _cone_meets(light: SpotLight, matrices: np.ndarray, lower: np.ndarray, upper
 
 
 def _transforms(prim: Prim, frames: range) -> np.ndarray:
-    """A prim's transforms at every frame and at the samples between them, [t, 4, 4]."""
+    """Returns a prim's transforms at every frame and at the samples in between, [t, 4, 4]; one if it has no samples."""
     if not isinstance(prim.transform, Samples):
         return prim.transform[None]
     return np.array([prim.transform_at(time) for time in times_in(prim.transform, frames)])
 
 
 def times_in(samples: Samples, frames: range) -> np.ndarray:
-    """Every frame, and the times of samples between them."""
+    """Returns every frame, and the times of the samples in between."""
     between = samples.times[(samples.times > frames[0]) & (samples.times < frames[-1])]
     return np.union1d(np.asarray(frames, float), between)
 
 
 def _hull_meets_box(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
-    """Whether the convex hull of points [n, 3] meets a box; touching counts as meeting."""
+    """Returns whether the convex hull of points [n, 3] meets a box; touching counts as meeting."""
     if np.any(points.max(axis=0) < lower) or np.any(points.min(axis=0) > upper):
         return False
     if np.any(np.all((points >= lower) & (points <= upper), axis=1)):
         return True
     centre = (lower + upper) / 2
-    scale = max(np.abs(points - centre).max(), 1e-30)  # unit-sized numbers for absolute tolerances
+    scale = max(np.abs(points - centre).max(), 1e-30)  # scales to about 1, for absolute tolerances
     p, low, high = ((a - centre) / scale for a in (np.unique(points, axis=0), lower, upper))
     return not _any_axis_separates(p, high) if len(p) <= _MOST_FOR_AXES else _program_is_feasible(p, low, high)
 
 
 def _any_axis_separates(points: np.ndarray, half: np.ndarray) -> bool:
-    """Whether a plane parts the hull of points [n, 3] from the box −half to half.
+    """Returns whether a plane separates the hull of points [n, 3] from the box −half to half.
 
-    By the separating axis theorem one of these is the normal of such a plane, if there is any: a side of the box (which
-    the bounds have settled), a normal of three of the points, or the cross product of an axis and the line through two.
+    By the separating axis theorem, if there is such a plane, one is normal to one of these: an axis of the box (already
+    tested with the bounds), a normal of three of the points, or the cross product of an axis and the line through two.
     """
     i, j = np.triu_indices(len(points), 1)
     edges = np.unique(points[j] - points[i], axis=0)
@@ -168,7 +168,7 @@ def _any_axis_separates(points: np.ndarray, half: np.ndarray) -> bool:
 
 
 def _program_is_feasible(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
-    """The same for many points: is there λ ≥ 0, Σλ = 1 with lower ≤ λ · points ≤ upper?"""
+    """Returns whether there are λ ≥ 0, Σλ = 1 with lower ≤ λ · points ≤ upper: whether hull and box meet."""
     from scipy.optimize import linprog  # takes 0.3 s to import
 
     answer = linprog(

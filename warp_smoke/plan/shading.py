@@ -1,4 +1,4 @@
-"""Which lights, shadows and bakes the receivers call for."""
+"""Planning of the lights, shadows and bakes that the receivers need."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from warp_smoke.scene import Light, Scene, Surface
 from warp_smoke.shadow.light_buffer import TOUCH, buffer_serves, light_times
 from warp_smoke.shadow.projective import plane_serves
 
-# Slices of the domain in each layer of a light buffer that receivers inside the smoke look up.
+# Slices of the domain in each layer of a light buffer that is looked up inside the smoke.
 DEFAULT_LAYER = 2
 
 
@@ -38,14 +38,14 @@ def plan_receivers(
 
 
 def why_unseen(scene: Scene, surface: Surface) -> str:
-    """Why nothing can be baked for a surface, whatever it asks for; empty if something can."""
+    """Returns why nothing can be baked for a surface, whichever bakes it asks for; empty if something can."""
     if not np.any(over(surface.visible, scene.frames)):
         return "it is invisible at every frame"
     return "" if len(surface.mesh.triangles) else "it has no triangles"
 
 
 def lights_that_shine(ledger: Ledger, scene: Scene) -> list[Light]:
-    """The lights that are ever on; notes the others."""
+    """Returns the lights that are ever on, and records the others in the ledger."""
     return [light for light in scene.lights if _shines(ledger, scene, light)]
 
 
@@ -60,7 +60,7 @@ def _shines(ledger: Ledger, scene: Scene, light: Light) -> bool:
 
 
 class _Receiver:
-    """The plan of one receiver."""
+    """Plans one receiver."""
 
     def __init__(
         self,
@@ -74,7 +74,7 @@ class _Receiver:
         self.corners = swept_corners(surface, scene.frames)
 
     def plan(self, lights: list[Light]) -> ReceiverPlan:
-        """The bakes of the receiver and what each light does for it."""
+        """Returns the bakes of the receiver and what each light contributes to them."""
         path = self.surface.path
         reaching = []
         for light in lights:
@@ -98,7 +98,7 @@ class _Receiver:
         return ReceiverPlan(self.surface, kept, tuple(reaching))
 
     def _changes(self, bake: str, moves: bool, smoky: bool) -> bool:
-        """Whether a bake changes from frame to frame, where light, shadows or surface move, or smoke shadows it."""
+        """Returns whether a bake changes over time, given whether anything moves and whether smoke shadows it."""
         if bake != "normal":
             return moves or (smoky and bake != "visibility")
         eyes = [self.scene.camera] if self.scene.camera and self._relief else []
@@ -169,7 +169,7 @@ class _Receiver:
         pair = (light.path, each.domain.path)
         method = light.smoke_shadow
         serves = plane_serves if method == "dpd" else buffer_serves
-        times = (*self.scene.frames, *light_times(light))  # the buffer is as large as it is at any of them
+        times = (*self.scene.frames, *light_times(light))  # the buffer has the largest size that any of them needs
         if method != "ray_traced" and not serves(light, each.lattice, times):
             why = "the light is inside the domain or close to it, where no buffer can hold its shadow: rays are traced"
             self.ledger.omit("project_smoke", pair, why)

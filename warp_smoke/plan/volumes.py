@@ -1,4 +1,4 @@
-"""Which lights and shadows the light inside the smoke calls for: the grid `light` of a domain's volume files."""
+"""Planning of the lights and shadows for the light inside the smoke: the grid `light` of a domain's volume files."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from warp_smoke.shadow.light_buffer import buffer_serves, light_times
 def plan_volumes(
     ledger: Ledger, scene: Scene, domains: tuple[DomainPlan, ...], shadows: SurfaceShadows
 ) -> tuple[VolumePlan, ...]:
-    """Plans the light grids of all domains that ask for one."""
+    """Plans the light grid of each domain that asks for one."""
     return tuple(_plan_volume(ledger, scene, each, domains, shadows) for each in domains if "light" in each.grids)
 
 
@@ -39,15 +39,15 @@ def _plan_volume(
 def _smoke(
     ledger: Ledger, scene: Scene, light: Light, lit: DomainPlan, domains: tuple[DomainPlan, ...]
 ) -> tuple[SmokeShadowPlan, ...]:
-    """The domains whose smoke may stand between a light and one domain, which shadows itself too."""
+    """Returns the smoke shadows of the domains that may lie between a light and one domain, including its own."""
     found = []
     for each in domains if light.shadow_enable else ():
         corners = box_corners(each.lattice)
         if not each.domain.dims_light or not may_shadow(light, corners, box_corners(lit.lattice), scene.frames):
             continue
-        # The paper's buffer knows no depth, so it cannot tell how much smoke is before a cell.
+        # The paper's buffer has no depth, so it cannot tell how much smoke lies in front of a cell.
         method = "march" if light.smoke_shadow == "dpd" else light.smoke_shadow
-        times = (*scene.frames, *light_times(light))  # the buffer is as large as it is at any of them
+        times = (*scene.frames, *light_times(light))  # the buffer has the largest size that any of them needs
         if method != "ray_traced" and not buffer_serves(light, each.lattice, times):
             method = "ray_traced"
         if method != "ray_traced":
