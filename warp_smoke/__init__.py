@@ -1,6 +1,6 @@
 """Smoke, its shadows and baked lighting for USD stages, as NVIDIA Warp kernels on CPU or CUDA.
 
-Reading a stage and planning load neither Warp nor pyvista; simulating and looking do.
+Reading a stage and planning load neither Warp nor pyvista; simulating and previewing do.
 """
 
 from importlib import import_module
@@ -69,7 +69,7 @@ __all__ = [
 ]
 
 
-# What simulates needs Warp, which takes a moment to load.
+# These need Warp, which takes a moment to load.
 _ON_USE = {
     "Simulation": "simulation",
     "Frame": "simulation",

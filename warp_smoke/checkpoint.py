@@ -1,9 +1,9 @@
-"""Checkpoints: what a run needs to go on later, in one file that is there whole or not at all.
+"""Checkpoints: what a run needs to continue later, in one file that is complete or absent.
 
 The file, numbers little-endian: `MAGIC`, u32 format version, u64 length of the header, the header (JSON: fingerprint,
-frame, report so far, name, type and shape of each field), the fields' samples one after the other in that order, and
-the SHA-256 of all that. Fields are not compressed: those that fill the box hardly shrink, and deflating them takes
-longer than a frame.
+frame, report so far, name, type and shape of each field), the samples of each field in that order, and the SHA-256 of
+everything before it. Fields are not compressed: those that fill the box hardly shrink, and deflating them takes longer
+than a frame.
 """
 
 import json
@@ -31,9 +31,9 @@ class Checkpoint:
 
     Attributes:
         fingerprint: what its results depend on, by name.
-        frame: the last one that was made.
-        report: of the frames so far.
-        fields: what `Simulation.save` gave, by name.
+        frame: number of the last finished frame.
+        report: report on the frames so far.
+        fields: arrays from `Simulation.save`, by name.
     """
 
     fingerprint: dict[str, str]
@@ -42,10 +42,10 @@ class Checkpoint:
     fields: Mapping[str, np.ndarray]
 
     def write(self, path: Path) -> None:
-        """Writes the file; it takes the place of the one before when it is whole and on the disk.
+        """Writes the file, which replaces the previous one once it is complete and on the disk.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the file cannot be written.
         """
         digest = sha256()
         with replacing(path) as partial, partial.open("wb") as file:
@@ -65,14 +65,14 @@ class Checkpoint:
             yield np.ascontiguousarray(values).reshape(-1).view(np.uint8).data
 
     def check(self, path: Path, now: dict[str, str]) -> None:
-        """Refuses to go on with another run than the one that was left.
+        """Checks that the run to resume is the one this checkpoint belongs to.
 
         Args:
-            path: of the checkpoint, for the message.
-            now: fingerprint of the run that is to go on.
+            path: path of the checkpoint, for the message.
+            now: fingerprint of the run to resume.
 
         Raises:
-            ValueError: names the first difference.
+            ValueError: the runs differ; the message names the first difference.
         """
         difference = first_difference(self.fingerprint, now)
         if difference:
@@ -83,7 +83,7 @@ def read_checkpoint(path: Path) -> Checkpoint:
     """Reads a checkpoint; its fields are views of one block of memory.
 
     Raises:
-        ValueError: the file is no checkpoint, is damaged, or has another format.
+        ValueError: the file is not a checkpoint, is damaged, or has another format version.
         OSError: the file cannot be read.
     """
     data = memoryview(path.read_bytes())

@@ -1,4 +1,4 @@
-"""PNG with 16 bits a channel, in colour, which Pillow neither writes nor reads whole.
+"""PNG with 16 bits per channel, which Pillow cannot write in colour and reads in colour only at 8 bits.
 
 Source: W3C, *Portable Network Graphics (PNG) Specification*, third edition: chapters 5 (chunks), 8 (interlacing), 9
 (filters) and 10 (compression).
@@ -19,11 +19,11 @@ _PASSES = ((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2),
 
 
 def encode_deep_png(pixels: np.ndarray, compress_level: int) -> bytes:
-    """A PNG file; rows are stored as differences to the one above.
+    """Encodes a PNG file; each row is stored as its difference from the one above.
 
     Args:
         pixels: uint16 [h, w, c] with 1 to 4 channels: grey, grey with alpha, RGB, RGBA; first row at the top.
-        compress_level: zlib's, 0 to 9.
+        compress_level: zlib's compression level, 0 to 9.
     """
     height, width, channels = pixels.shape
     kind = next(kind for kind, count in _CHANNELS.items() if count == channels)
@@ -41,10 +41,10 @@ def encode_deep_png(pixels: np.ndarray, compress_level: int) -> bytes:
 
 
 def decode_deep_png(data: bytes) -> np.ndarray:
-    """The pixels of a PNG file of 16 bits, uint16 [h, w, c], first row at the top.
+    """Decodes a 16-bit PNG file to pixels, uint16 [h, w, c], first row at the top.
 
     Raises:
-        OSError: it is damaged, or no such file.
+        OSError: the data is damaged or not a 16-bit PNG file.
     """
     chunks = list(_chunks(data))
     if not chunks or chunks[0][0] != b"IHDR" or len(chunks[0][1]) != 13:
@@ -90,16 +90,16 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _unfilter(filters: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Undoes the filter of each row [h], bytes [h, w, d]: each byte was stored less what its neighbours predict.
+    """Undoes the filters [h] of rows of bytes [h, w, d]: each byte was stored minus a prediction from its neighbours.
 
-    Neighbours are the left, upper and upper left pixel, so all pixels on a diagonal r + x = n are found at once.
+    The neighbours are the left, upper and upper left pixels, so all pixels on a diagonal r + x = n are decoded at once.
     """
     if filters.max(initial=0) > _PAETH:
         raise OSError(f"filter {filters.max()}")
     height, width, depth = rows.shape
     pixels = np.empty_like(rows)
     filters = filters[:, None]
-    # Row r of a diagonal at index r + 1; what is not there, left of and above the picture, stays 0.
+    # Row r of a diagonal is at index r + 1; pixels left of and above the picture stay 0.
     diagonals = [np.zeros((height + 1, depth), np.int16) for _ in range(3)]
     for n in range(height + width - 1):
         first, last = max(0, n - width + 1), min(height, n + 1)
@@ -118,7 +118,7 @@ def _unfilter(filters: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def _paeth(left: np.ndarray, up: np.ndarray, corner: np.ndarray) -> np.ndarray:
-    """Of the three, the one nearest to left + up − corner; of equals the first in this order."""
+    """Returns the neighbour nearest to left + up − corner; ties go to left, then up."""
     to_left, to_up, to_corner = np.abs(up - corner), np.abs(left - corner), np.abs(left + up - 2 * corner)
     nearest = np.where(to_up <= to_corner, up, corner)
     return np.where((to_left <= to_up) & (to_left <= to_corner), left, nearest)

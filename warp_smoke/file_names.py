@@ -1,4 +1,4 @@
-"""What the files of a run are called, relative to its folder: short names that are unique in it."""
+"""File names of a run, relative to its folder: short, and unique within it."""
 
 from collections.abc import Iterable
 
@@ -17,29 +17,29 @@ class FileNames:
         self._procedurals = {path: f"textures/{stem}.procedural.png" for path, stem in materials.items()}
 
     def volume(self, path: str, number: int) -> str:
-        """The smoke of a domain in a frame."""
+        """Returns the file of a domain's smoke at a frame."""
         return f"volumes/{self._stems[path]}.{number:04d}.vdb"
 
     def bake(self, each: ReceiverPlan, bake: str, number: int) -> tuple[str, str]:
-        """Where a bake's values at points wait for the stage, hidden; and its picture."""
+        """Returns the hidden file that keeps a bake's per-point values until the stage is written, and its picture."""
         name = f"{self._stems[each.surface.path]}.{bake}" + f".{number:04d}" * (each.bakes[bake] == When.FRAME)
         return f"textures/.{name}.npy", f"textures/{name}.png"
 
     def light(self, path: str) -> str:
-        """The name that a light's shadow map goes by."""
+        """Returns the name of a light's shadow map."""
         return self._lights[path]
 
     def depth_map(self, path: str, when: When, number: int) -> str:
-        """The picture of a light's shadow map."""
+        """Returns the picture file of a light's shadow map."""
         return f"textures/{self._lights[path]}.depth" + f".{number:04d}" * (when == When.FRAME) + ".png"
 
     def procedurals(self) -> dict[str, str]:
-        """The pictures that materials ask to be computed, by the material's path."""
+        """Returns the files of procedural textures, by material path."""
         return self._procedurals
 
 
 def file_stems(paths: Iterable[str]) -> dict[str, str]:
-    """A short file name for each prim path: its last part, or the whole of it where that would not be unique."""
+    """Returns a short file name for each prim path: its last part, or the full path where that is not unique."""
     paths = list(paths)
     last = [path.rpartition("/")[2] for path in paths]
     whole = [path.strip("/").replace("/", "_") for path in paths]
@@ -47,6 +47,6 @@ def file_stems(paths: Iterable[str]) -> dict[str, str]:
 
 
 def computed_materials(scene: Scene) -> list[Material]:
-    """The materials on a scene's surfaces whose picture is computed."""
+    """Returns the materials on a scene's surfaces that have a procedural texture."""
     bound = {material.path: material for surface in scene.surfaces for material in surface.materials}
     return [material for material in bound.values() if material.procedural is not None]

@@ -1,4 +1,4 @@
-"""Files that appear under their name whole or not at all."""
+"""Files that appear under their name complete or not at all."""
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,7 +16,7 @@ PNG_COMPRESS_LEVEL = 3
 
 
 def check_folder(folder: Path) -> None:
-    """Raises FieldError if a folder, or one above it, is something else, or may not be written."""
+    """Raises FieldError if a folder, or its nearest existing ancestor, is not a folder or not writable."""
     there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
     if not there.is_dir():
         found = "a file" if there == folder else f"below the file {there}"
@@ -27,7 +27,7 @@ def check_folder(folder: Path) -> None:
 
 
 def make_folders(wanted: Iterable[Path]) -> list[Path]:
-    """Makes folders, each after those above it; gives the ones that were not there."""
+    """Makes folders, listed from the top down, and returns those that did not exist."""
     made = [each for each in wanted if not each.exists()]
     for each in made:
         each.mkdir(exist_ok=True)  # another process may have been faster
@@ -35,7 +35,7 @@ def make_folders(wanted: Iterable[Path]) -> list[Path]:
 
 
 def remove_empty(folders: Sequence[Path]) -> None:
-    """Removes those of the folders that are empty, the last first."""
+    """Removes the folders that are empty, last one first."""
     for folder in reversed(folders):
         if not any(folder.iterdir()):
             folder.rmdir()
@@ -43,10 +43,10 @@ def remove_empty(folders: Sequence[Path]) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Gives a hidden path in the same folder, whose file takes the place of `path` once the block ends well.
+    """Yields a hidden path in the same folder; its file replaces `path` once the block ends without an error.
 
-    It has the same suffix, by which writers choose a format. An error in the block removes the hidden file and leaves
-    `path` as it was.
+    The hidden path keeps the suffix, by which writers choose a format. An error in the block removes the hidden file
+    and leaves `path` as it was.
     """
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
@@ -66,7 +66,7 @@ def remove_partial(folder: Path) -> None:
 
 
 def sync(path: Path) -> None:
-    """Waits until a file is on the disk, so that a power failure cannot take it back."""
+    """Waits until a file is on the disk, so that a power failure cannot undo it."""
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
@@ -85,7 +85,7 @@ def write_png(path: Path, pixels: np.ndarray) -> None:
         pixels: uint8 or uint16, [h, w] grey, [h, w, 3] RGB or [h, w, 4] RGBA; top row first.
 
     Raises:
-        ValueError: the array is neither.
+        ValueError: the array has another type or shape.
     """
     if pixels.dtype not in (np.uint8, np.uint16) or pixels.ndim < 2 or pixels.shape[2:] not in ((), (3,), (4,)):
         allowed = "uint8 or uint16 [h, w], [h, w, 3] or [h, w, 4]"

@@ -1,4 +1,4 @@
-"""What the results of a run depend on, as flat text: two runs can be compared, and the first difference named."""
+"""What the results of a run depend on, as flat text, so that two runs can be compared and their difference named."""
 
 import platform
 from dataclasses import fields
@@ -11,19 +11,19 @@ from warp_smoke.picture_file import open_picture_file
 from warp_smoke.record import Record
 from warp_smoke.scene import Scene, Texture
 
-# Packages whose arithmetic is in the results.
+# Packages whose arithmetic affects the results.
 _PACKAGES = ("warp-smoke", "warp-lang", "numpy", "scipy")
 
 
 def fingerprint(scene: Scene, device: str, stirred_by: str = "") -> dict[str, str]:
-    """Everything that the results of a run depend on, by name: settings as they are, arrays and files by a digest.
+    """Returns everything the results of a run depend on, by name: settings as text, arrays and files as digests.
 
-    The stage's own place is no part of it, nor is the number of threads.
+    Neither the stage's location nor the number of threads is part of it.
 
     Args:
-        scene: what is run.
-        device: where.
-        stirred_by: what else moves the air, such as a script's force: that it is there, not what it does.
+        scene: the scene to run.
+        device: the device to run on.
+        stirred_by: what else moves the air, such as a script's force; its presence is recorded, not its effect.
     """
     found = {f"version of {name}": version(name) for name in _PACKAGES}
     found |= {"machine": platform.machine(), "device": device.partition(":")[0]}
@@ -40,7 +40,7 @@ def fingerprint(scene: Scene, device: str, stirred_by: str = "") -> dict[str, st
 
 
 def first_difference(before: dict[str, str], now: dict[str, str]) -> str | None:
-    """What differs between two fingerprints, in words; None if nothing does."""
+    """Describes the first difference between two fingerprints; None if they are equal."""
     for name in dict.fromkeys((*now, *before)):
         was, is_now = before.get(name), now.get(name)
         if was == is_now:
@@ -54,7 +54,7 @@ def first_difference(before: dict[str, str], now: dict[str, str]) -> str | None:
 
 
 def digest(found: dict[str, str]) -> str:
-    """A fingerprint in 64 characters."""
+    """Returns the SHA-256 of a fingerprint, 64 hexadecimal digits."""
     return sha256(repr(sorted(found.items())).encode()).hexdigest()
 
 
@@ -84,5 +84,5 @@ def _content(file: str) -> str:
     try:
         with open_picture_file(file) as opened:
             return sha256(opened.read()).hexdigest()[:16]
-    except OSError as error:  # the bake says what it wants of it
+    except OSError as error:  # the bake reports it
         return type(error).__name__

@@ -1,4 +1,4 @@
-"""One run at a time in a folder: a lock that the kernel lets go of when its process ends, in whatever way."""
+"""One run at a time in a folder: a lock that the operating system releases however its process ends."""
 
 import os
 from collections.abc import Iterator
@@ -19,10 +19,10 @@ _PATIENCE = 0.3  # [s]
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keeps a folder to this block; the file of the lock, which names the process, goes with it.
+    """Locks a folder for this block; the lock file, which names the process, is removed at its end.
 
     Raises:
-        FieldError: another process, or another block of this one, has the folder.
+        FieldError: another process, or another block in this process, holds the lock.
     """
     if fcntl is None:
         yield
@@ -33,7 +33,7 @@ def locked(folder: Path) -> Iterator[None]:
         os.write(lock, str(os.getpid()).encode())
         yield
     finally:
-        (folder / _NAME).unlink(missing_ok=True)  # while it is locked: afterwards it may be another's
+        (folder / _NAME).unlink(missing_ok=True)  # while locked: afterwards the file may belong to another run
         os.close(lock)
 
 
@@ -52,7 +52,7 @@ def check_unlocked(folder: Path) -> None:
 
 
 def _take(folder: Path) -> int:
-    """Locks a folder; gives the open file that holds the lock."""
+    """Locks a folder and returns the descriptor of the open lock file."""
     file = folder / _NAME
     while True:
         lock = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
@@ -63,11 +63,11 @@ def _take(folder: Path) -> int:
             raise
         if _is_at(file, lock):
             return lock
-        os.close(lock)  # another process has just ended, and removed it
+        os.close(lock)  # another process has just ended and removed the file
 
 
 def _lock(opened: int, kind: int, folder: Path) -> None:
-    """Locks an open file; one that is only being checked is free again after a moment."""
+    """Locks an open file, with a short wait: a lock that `check_unlocked` holds is soon released."""
     until = monotonic() + _PATIENCE
     while True:
         try:

@@ -1,4 +1,4 @@
-"""Triangle meshes as the passes need them, and the simple solids (USD's gprims) as such meshes."""
+"""Triangle meshes as the passes need them, and simple solids (USD's gprims) as triangle meshes."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,13 +16,13 @@ class Mesh(Record):
     """A triangle mesh in its own (local) space, front faces counter-clockwise.
 
     Attributes:
-        points: [n, 3] float32 in stage units; Samples [t, n, 3] where the points move (the triangles stay).
+        points: [n, 3] float32 in stage units; Samples [t, n, 3] if the points move (the triangles stay the same).
         triangles: indices into points, [m, 3] int32.
-        normals: unit normal at each corner, [m, 3, 3] float32; Samples [t, m, 3, 3] where they turn; None: those
-            of the triangles.
+        normals: unit normal at each corner, [m, 3, 3] float32; Samples [t, m, 3, 3] if they turn; None for the
+            triangles' own normals.
         uvs: texture coordinates at each corner, [m, 3, 2] float32, v up, or None.
-        faces: index of the polygon that each triangle was cut from, [m] int32; None where each is one of its own; not
-            part of equality.
+        faces: index of the polygon that each triangle was cut from, [m] int32; None if each triangle is a polygon;
+            ignored by comparisons.
     """
 
     points: np.ndarray | Samples
@@ -69,7 +69,7 @@ class Mesh(Record):
         return normalized(normals).astype(np.float32) if isinstance(self.normals, Samples) else normals
 
     def part(self, triangles: np.ndarray) -> "Mesh":
-        """The mesh of some of the triangles alone, by their indices [k]; its points stay."""
+        """Returns a mesh of the triangles with these indices [k] and all points."""
 
         def some(corners: np.ndarray | Samples | None) -> np.ndarray | Samples | None:
             if isinstance(corners, Samples):
@@ -81,13 +81,13 @@ class Mesh(Record):
 
     @property
     def deforms(self) -> bool:
-        """Whether the points move, or the normals."""
+        """Whether the points or the normals move."""
         changing = (value for value in (self.points, self.normals) if isinstance(value, Samples))
         return any(np.ptp(value.values, axis=0).any() for value in changing)
 
     @cached_property
     def welded(self) -> np.ndarray:
-        """The triangles with points that always lie together counted as one, [m, 3]."""
+        """The triangles with coincident points merged (those that coincide at all times), [m, 3]."""
         every = each_value(self.points)
         tracks = np.moveaxis(every, 1, 0).reshape(every.shape[1], every.shape[0] * 3)
         _, point = np.unique(tracks, axis=0, return_inverse=True)
@@ -102,18 +102,18 @@ class Mesh(Record):
 
     @cached_property
     def is_closed(self) -> bool:
-        """Whether every edge is met by as many triangles in one direction as in the other, so that nothing leaks."""
+        """Whether the triangles use every edge equally often in both directions, so that nothing leaks."""
         edges = self.welded[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         _, edge = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
         return not np.bincount(edge.ravel(), weights=np.sign(edges[:, 1] - edges[:, 0])).any()
 
     @classmethod
     def box(cls, size=(2.0, 2.0, 2.0), lower=None) -> "Mesh":
-        """A box around the origin, each side's UVs covering [0, 1]².
+        """Returns a box centred on the origin, with UVs that cover [0, 1]² on each side.
 
         Args:
             size: length of all sides, or of those along x, y and z, [3] [stage units].
-            lower: its least corner, [3], in place of being around the origin.
+            lower: its lowest corner, [3]; None centres the box on the origin.
         """
         size = np.broadcast_to(np.asarray(size, np.float64), (3,))
         lower = -size / 2 if lower is None else np.asarray(lower, np.float64)
@@ -141,13 +141,13 @@ class Mesh(Record):
 
     @classmethod
     def grid(cls, corner, u_edge, v_edge, divisions: int = 1) -> "Mesh":
-        """A flat patch corner + u·u_edge + v·v_edge, u and v in [0, 1], facing u_edge × v_edge.
+        """Returns a flat patch corner + u·u_edge + v·v_edge, u and v in [0, 1], facing u_edge × v_edge.
 
         Args:
             corner: where u = v = 0, [3] [stage units].
             u_edge: side along which u grows, [3].
             v_edge: side along which v grows, [3].
-            divisions: squares along each side, of two triangles.
+            divisions: quads along each side, of two triangles each.
         """
         steps = np.linspace(0.0, 1.0, divisions + 1)
         u, v = (a.ravel() for a in np.meshgrid(steps, steps, indexing="ij"))
@@ -163,37 +163,37 @@ class Mesh(Record):
 
     @classmethod
     def sphere(cls, radius: float = 1.0, segments: int = SEGMENTS) -> "Mesh":
-        """A sphere of this radius [stage units] around the origin, with so many segments around its axis Z."""
+        """Returns a sphere around the origin with this radius [stage units] and number of segments around Z."""
         angle = np.linspace(-np.pi / 2, np.pi / 2, segments // 2 + 1)
         return cls.revolved(radius * np.cos(angle), radius * np.sin(angle), segments=segments, smooth=True)
 
     @classmethod
     def cylinder(cls, radius: float = 1.0, height: float = 2.0, axis: str = "Z", segments: int = SEGMENTS) -> "Mesh":
-        """A closed cylinder around the origin along an axis X, Y or Z; radius and height in stage units."""
+        """Returns a closed cylinder centred on the origin along X, Y or Z; radius and height in stage units."""
         return cls.revolved([0, radius, radius, 0], np.array([-1, -1, 1, 1]) * height / 2, axis, segments)
 
     @classmethod
     def cone(cls, radius: float = 1.0, height: float = 2.0, axis: str = "Z", segments: int = SEGMENTS) -> "Mesh":
-        """A closed cone along an axis X, Y or Z, from −height/2 to its apex at height/2 [stage units]."""
+        """Returns a closed cone along X, Y or Z, from −height/2 to its apex at height/2 [stage units]."""
         return cls.revolved([0, radius, 0], np.array([-1, -1, 1]) * height / 2, axis, segments)
 
     @classmethod
     def capsule(cls, radius: float = 0.5, height: float = 1.0, axis: str = "Z", segments: int = SEGMENTS) -> "Mesh":
-        """A cylinder of a height along an axis X, Y or Z, with half a sphere of the radius added at each end."""
+        """Returns a cylinder of this height [stage units] along X, Y or Z with a hemisphere added at each end."""
         angle = np.linspace(-np.pi / 2, 0, segments // 4 + 1)
         r, z = radius * np.cos(angle), radius * np.sin(angle) - height / 2
         return cls.revolved(np.concatenate([r, r[::-1]]), np.concatenate([z, -z[::-1]]), axis, segments, smooth=True)
 
     @classmethod
     def revolved(cls, r, z, axis: str = "Z", segments: int = SEGMENTS, smooth: bool = False) -> "Mesh":
-        """An outline turned about an axis; closed if it starts and ends there.
+        """Returns a surface of revolution, closed if its outline starts and ends on the axis.
 
         Args:
             r: distances of the outline's points from the axis, from bottom to top, [n] [stage units].
-            z: their heights along the axis, [n].
+            z: heights of the outline's points along the axis, [n] [stage units].
             axis: X, Y or Z.
-            segments: around the axis.
-            smooth: whether normals follow the outline as one curve, and not only the turn.
+            segments: number of segments around the axis.
+            smooth: whether normals are smooth along the outline too, and not only around the axis.
         """
         r, z = np.asarray(r, np.float64), np.asarray(z, np.float64)
         # r is exactly 0 at closed ends, so that their triangles collapse to points that can be left out.
@@ -215,7 +215,7 @@ class Mesh(Record):
         slope = np.stack([np.diff(z), -np.diff(r)], axis=1)  # outward (r, z) normal of each band
         slope /= np.linalg.norm(slope, axis=1, keepdims=True)
         if smooth:
-            # One band more at each end, mirrored, so that the poles' normals lie on the axis.
+            # One more band at each end, mirrored, so that the poles' normals lie on the axis.
             first, last = (slope[e] * (-1 if r[e] == 0 else 1, 1) for e in (0, -1))
             padded = np.concatenate([[first], slope, [last]])
             outline = padded[:-1] + padded[1:]
@@ -241,8 +241,8 @@ class Points(Record):
     """Small spheres in their own (local) space.
 
     Attributes:
-        points: their centres, [n, 3] float32 in stage units; Samples [t, n, 3] where they move.
-        widths: their diameters, [n] float32 in stage units, at least 0; Samples [t, n] where they change.
+        points: centres, [n, 3] float32 in stage units; Samples [t, n, 3] if they move.
+        widths: diameters, [n] float32 in stage units, at least 0; Samples [t, n] if they change.
     """
 
     points: np.ndarray | Samples
@@ -278,12 +278,12 @@ class Points(Record):
 
 
 def corner_normals(points: np.ndarray, triangles: np.ndarray, smooth: bool = False) -> np.ndarray:
-    """Unit normals at each corner, [m, 3, 3] float64; zero for triangles without area.
+    """Returns unit normals at each corner, [m, 3, 3] float64; zero for triangles without area.
 
     Args:
         points: [n, 3].
         triangles: [m, 3].
-        smooth: the area-weighted sum of the faces around each point instead of the face's own.
+        smooth: whether to use the area-weighted mean of the faces around each point instead of the face normal.
     """
     p = np.asarray(points, np.float64)[triangles]
     face = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
@@ -296,21 +296,21 @@ def corner_normals(points: np.ndarray, triangles: np.ndarray, smooth: bool = Fal
 
 
 def normalized(vectors: np.ndarray) -> np.ndarray:
-    """Unit vectors along the last axis; zero vectors stay zero."""
+    """Normalizes vectors along the last axis; zero vectors stay zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def transform_points(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points [..., 3] through a 4 × 4 matrix in USD's row-vector convention (p' = p M), in float64."""
+    """Transforms points [..., 3] by a 4 × 4 matrix in USD's row-vector convention (p' = p M), in float64."""
     matrix = np.asarray(matrix, np.float64)
     return np.asarray(points, np.float64) @ matrix[:3, :3] + matrix[3, :3]
 
 
 def transform_normals(matrix: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Unit normals [..., 3] through the inverse transpose of a 4 × 4 row-vector matrix, in float64.
+    """Transforms unit normals [..., 3] by the inverse transpose of a 4 × 4 row-vector matrix, in float64.
 
-    A mirroring matrix keeps normals on the outside; see `winding_flips` for the triangles' order. A matrix that
+    Normals stay on the outside under a mirroring matrix; see `winding_flips` for the triangles' order. A matrix that
     flattens has no inverse, but its cofactors (the inverse transpose times the determinant) give the plane's normal.
     """
     x, y, z = np.asarray(matrix, np.float64)[:3, :3]
@@ -319,5 +319,5 @@ def transform_normals(matrix: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 
 def winding_flips(matrix: np.ndarray) -> bool:
-    """Whether a transform mirrors, so that triangles turn from counter-clockwise to clockwise."""
+    """Returns whether a transform mirrors, which turns counter-clockwise triangles clockwise."""
     return bool(np.linalg.det(np.asarray(matrix, np.float64)[:3, :3]) < 0)

@@ -1,4 +1,4 @@
-"""SIGINT (Ctrl-C) and SIGTERM while frames are made: the first waits for the frame in hand, the second ends at once."""
+"""SIGINT (Ctrl-C) and SIGTERM during a run: the first stops after the current frame, the second stops at once."""
 
 import logging
 import signal
@@ -10,10 +10,10 @@ _log = logging.getLogger(__name__)
 
 
 class Interrupted(KeyboardInterrupt):
-    """A run that was told to stop, and did between two frames.
+    """Raised when a signal has stopped a run between two frames.
 
     Attributes:
-        signal: what told it.
+        signal: the number of that signal.
     """
 
     def __init__(self, message: str, number: int):
@@ -22,12 +22,12 @@ class Interrupted(KeyboardInterrupt):
 
 
 class Interruption:
-    """A context in which SIGINT and SIGTERM are noted; the handlers from before take the second one, and all after it.
+    """A context that notes the first SIGINT or SIGTERM; later ones go to the previous handlers.
 
-    Outside of the main thread, where Python has no signals, and for signals that are ignored, it does nothing.
+    It does nothing outside the main thread, where Python cannot handle signals, or for signals that are ignored.
 
     Attributes:
-        signal: the one that came, or None.
+        signal: the number of the signal received, or None.
     """
 
     def __init__(self):

@@ -1,4 +1,4 @@
-"""Which kernel modules a plan needs, so that they are compiled and loaded together, and no others."""
+"""The kernel modules that a plan needs, so that only those are compiled and loaded, all at once."""
 
 from importlib import import_module
 
@@ -7,12 +7,12 @@ from warp_smoke.plan import LightPlan, Plan
 from warp_smoke.plan.reach import is_moving
 from warp_smoke.scene import Collider, Emitter
 
-# What several pressure solvers share; `open_faces` of a box without colliders is among those of solid faces.
+# Shared by several pressure solvers; `solid_faces` also has the `open_faces` of a box without colliders.
 _ITERATIVE = ("fluid.solid_faces", "fluid.pressure.components", "fluid.pressure.iterative")
 _CONJUGATE_GRADIENTS = (*_ITERATIVE, "fluid.pressure.conjugate_gradient", "fluid.pressure.preconditioner")
 _SPECTRAL_DIFFUSION = ("fluid.transforms", "fluid.diffusion.scalar", "fluid.diffusion.spectral")
 _JACOBI_DIFFUSION = ("fluid.solid_faces", "fluid.diffusion.scalar", "fluid.diffusion.jacobi")
-# Module of kernels by the pass that launches them, and by pass and method where that decides.
+# Kernel modules by the pass that launches them, or by pass and method where they depend on the method.
 _FLUID = {
     "voxelize_colliders": ("fluid.voxelize", "fluid.crossing", "fluid.solid_faces", "fluid.solid_boundary"),
     "vary_emission": ("fluid.emitter_share",),
@@ -62,12 +62,12 @@ _SURFACE_SHADOW = {
     "area": ("shadow.ray_traced",),
 }
 _SMOKE_SHADOW = {"dpd": ("shadow.dpd",), "ray_traced": ("shadow.smoke_ray_traced",)}
-# Of a light buffer along the light's rays, which is every other smoke shadow.
+# Every other smoke shadow uses a light buffer along the light's rays.
 _LIGHT_BUFFER = ("shadow.slice_projection", "shadow.smoke")
 
 
 def kernel_modules(plan: Plan) -> list[str]:
-    """Names of the modules whose kernels the plan launches, imported."""
+    """Imports the modules whose kernels the plan launches and returns their names."""
     found = set()
     for each in plan.passes:
         for key in (each.name, f"{each.name} {each.method}"):
@@ -101,7 +101,7 @@ def kernel_modules(plan: Plan) -> list[str]:
 
 
 def smoke_shadow_kernels(method: str) -> tuple[str, ...]:
-    """Names, within the package, of the modules that a smoke shadow's kernels are in."""
+    """Returns the names, within the package, of the modules that hold a smoke shadow's kernels."""
     return _SMOKE_SHADOW.get(method, _LIGHT_BUFFER)
 
 

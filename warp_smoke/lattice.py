@@ -1,4 +1,4 @@
-"""Where the cells of a smoke domain lie: its size in cubic cells, and the way from the world to a cell and back."""
+"""The lattice of a smoke domain: its size in cubic cells, and the transforms between world and cell coordinates."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from warp_smoke.scene import Scene, SmokeDomain
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Lattice(Record):
-    """Cubic cells in a box that may be turned.
+    """Cubic cells in a box that may be rotated.
 
     Lattice space has its origin at the corner of cell (0, 0, 0), right-handed axes along i, j and k, and the stage's
     unit of length.
@@ -21,8 +21,8 @@ class Lattice(Record):
         to_world: lattice space to world, 4 × 4 rigid row-vector matrix, float64.
         meters_per_unit: length of a stage unit [m].
         sides: open, closed or periodic for each of -x +x -y +y -z +z of the lattice.
-        up: unit vector up along the lattice's axes.
-        no_slip: which of the closed sides hold back viscous air that moves along them.
+        up: unit vector pointing up, along the lattice's axes.
+        no_slip: whether each side is a closed wall that viscous air sticks to.
     """
 
     shape: tuple[int, int, int]
@@ -49,16 +49,16 @@ class Lattice(Record):
         return self.to_world[:3, :3]
 
     def world_to_cells(self) -> np.ndarray:
-        """World to cell coordinates (cell (i, j, k) spans [i, i + 1] × …), 4 × 4 row-vector matrix, float64."""
+        """Returns world to cell coordinates (cell (i, j, k) spans [i, i + 1] × …), 4 × 4 row-vector matrix, float64."""
         return np.linalg.inv(self.to_world) @ np.diag([1 / self.voxel_size] * 3 + [1.0])
 
     def cells_to_world(self) -> np.ndarray:
-        """Cell coordinates to world, 4 × 4 row-vector matrix, float64."""
+        """Returns cell coordinates to world, 4 × 4 row-vector matrix, float64."""
         return np.diag([self.voxel_size] * 3 + [1.0]) @ self.to_world
 
 
 def occupied_box(cells: np.ndarray) -> tuple[slice, slice, slice] | None:
-    """The smallest box that holds all cells of a mask [nx, ny, nz], as a slice along each axis; None without any."""
+    """Returns the smallest box around the cells set in a mask [nx, ny, nz], a slice for each axis; None if none is."""
     found = [np.flatnonzero(cells.any(axis=tuple({0, 1, 2} - {axis}))) for axis in range(3)]
     if not len(found[0]):
         return None
@@ -66,10 +66,10 @@ def occupied_box(cells: np.ndarray) -> tuple[slice, slice, slice] | None:
 
 
 def place_lattice(scene: Scene, domain: SmokeDomain) -> Lattice:
-    """The cells of a domain, at the scene's first frame.
+    """Returns the lattice of a domain at the scene's first frame.
 
-    Cells are cubes, so a side that is not a whole number of cells is rounded: the lattice stays centred in the box,
-    but stands on its bottom.
+    Cells are cubes, so each side is rounded to a whole number of cells: the lattice rests on the bottom of the box
+    and is centred along the other axes.
     """
     matrix = domain.transform_at(scene.start)
     scale = np.linalg.norm(matrix[:3, :3], axis=1)
@@ -82,7 +82,7 @@ def place_lattice(scene: Scene, domain: SmokeDomain) -> Lattice:
         anchor = anchor + size[2] * axes[2]
         axes = axes * np.array([[1.0], [1.0], [-1.0]])
 
-    # Turned boxes have axes like 1e-17, which would break the tie between equal sides and wake buoyancy on other faces.
+    # Rotated axes have components like 1e-17, which would break ties and add buoyancy on faces that should have none.
     up = np.round(axes @ scene.up, 12)
     bottom = 2 * int(np.argmax(np.abs(up)))
     bottom += up[bottom // 2] < 0

@@ -1,4 +1,4 @@
-"""The one way kernels are launched: runs of cells, slabs over CPU threads, one cell a thread on CUDA.
+"""The one way kernels are launched: runs of cells, slabs over CPU threads, one cell per thread on CUDA.
 
 A grid kernel covers `rows.run` cells along k for each (i, j, c) of its launch:
 
@@ -9,8 +9,8 @@ A grid kernel covers `rows.run` cells along k for each (i, j, c) of its launch:
     while k < end: ...
 
 On the CPU a run is a whole row, so that LLVM can vectorise the loop, and slabs of i go to threads if the launch takes
-long enough for that; on CUDA a run is one cell. A list kernel covers one item, `rows.first + wp.tid()`. Kernels write
-each element from one thread only and use no atomics, so results are the same to the bit however a launch is divided.
+long enough to be worth it; on CUDA a run is one cell. A list kernel covers one item, `rows.first + wp.tid()`. Kernels
+write each element from one thread only and use no atomics, so results are bit-identical however a launch is divided.
 """
 
 import os
@@ -32,19 +32,19 @@ from warp_smoke.native_words import leaving_out
 wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
 wp.set_module_options({"enable_backward": False})
 
-# Waking a thread and waiting for it took 100 to 190 µs on two shared cores: so much work is worth it.
+# Waking a thread and waiting for it took 100 to 190 µs on two shared cores: it needs at least that much work.
 _SECONDS_WORTH_A_THREAD = 150e-6
-# What a cell, a query of a mesh and an item of a list are taken to cost before a kernel has been timed.
+# Assumed cost of a cell, a mesh query and a list item until a kernel has been timed.
 _SECONDS_A_CELL, _SECONDS_A_QUERY, _SECONDS_AN_ITEM = 10e-9, 600e-9, 150e-9
-# A kernel's least time so far counts, but less and less, for its work may grow and a busy machine is no measure.
+# The shortest time so far counts, as a busy machine only adds to it, but may grow this much a launch, as work may.
 _GROWTH = 1.25
-# Recorded launches that are kept, each with its last arrays: more than a step of the busiest scene has.
+# Recorded launches to keep, each with its last arrays: more than a step of the busiest scene needs.
 _MOST_RECORDED = 4096
 
 
 @wp.struct
 class Rows:
-    """The part of a launch that one host thread covers: rows from `first` on, `run` cells along k a kernel thread."""
+    """The part of a launch that one host thread covers: rows from `first` on, `run` cells along k per kernel thread."""
 
     first: int
     run: int
@@ -52,34 +52,34 @@ class Rows:
 
 @wp.func
 def dense(a: wp.array3d[float]):
-    """The same array [nx, ny, nz] with strides that follow from its shape: LLVM then sees contiguous inner loops."""
+    """Returns the same array [nx, ny, nz] with strides derived from its shape, so LLVM sees contiguous inner loops."""
     return wp.array(ptr=a.ptr, shape=(a.shape[0], a.shape[1], a.shape[2]), dtype=float)
 
 
 @wp.func
 def dense_store(a: wp.array3d[float]):
-    """Like `dense`, as integers: a store `b[i, j, k] = bits(x)` cannot change a float that is loaded later.
+    """Like `dense`, but as integers: a store `b[i, j, k] = bits(x)` cannot alias a float that is loaded later.
 
-    That lets LLVM vectorise kernels that gather or read many arrays. Only for arrays that the launch does not read.
+    This lets LLVM vectorise kernels that gather or read many arrays. Only for arrays that the launch does not read.
     """
     return wp.array(ptr=a.ptr, shape=(a.shape[0], a.shape[1], a.shape[2]), dtype=wp.int32)
 
 
 @wp.func
 def bits(x: float):
-    """The bits of a float, for `dense_store`."""
+    """Returns the bits of a float as an integer, for `dense_store`."""
     return wp.cast(x, wp.int32)
 
 
 @cache
 def _start_warp() -> None:
-    """Starts Warp; that there is no CUDA driver is no news on a machine without a GPU."""
+    """Starts Warp, without its message about a missing CUDA driver, as expected on a machine without a GPU."""
     with leaving_out("Could not find or load the NVIDIA CUDA driver"):
         wp.init()
 
 
 def available_threads() -> int:
-    """CPU threads that may run at once in this process."""
+    """Returns how many CPU threads this process may run at once."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
 
 
@@ -129,13 +129,13 @@ class Launcher:
     """Launches kernels on one device, allocates there, and counts both.
 
     Raises:
-        ValueError: there is no such device, or threads is less than 1.
+        ValueError: the device does not exist, or threads is less than 1.
 
     Attributes:
         device: the Warp device.
         threads: CPU threads (1 on CUDA).
-        launches: launches so far by kernel name; "recorded passes" count as one.
-        allocated: bytes so far by label.
+        launches: launches so far, by kernel name; a replay counts as one launch of "recorded passes".
+        allocated: bytes allocated so far, by label.
     """
 
     def __init__(self, device: str = "cpu", threads: int | None = None):
@@ -150,7 +150,7 @@ class Launcher:
         self.launches, self.allocated = Counter(), Counter()
         self._recorded = {}
         self._recording = False
-        self._seconds = {}  # that a cell or item takes, by kernel and bits of their number
+        self._seconds = {}  # time for a cell or item, by kernel and bit length of their number
         self._workers = [_Worker() for _ in range(self.threads - 1)]
 
     def __del__(self):
@@ -158,13 +158,13 @@ class Launcher:
             worker.stop()
 
     def available_bytes(self) -> int:
-        """Memory that is free on the device [bytes]."""
+        """Returns the free memory of the device [bytes]."""
         if self.device.is_cuda:
             return self.device.free_memory
         return psutil.virtual_memory().available
 
     def zeros(self, shape, label: str, dtype=float) -> wp.array:
-        """A contiguous array of zeros, counted under a label.
+        """Allocates a contiguous array of zeros, counted under a label.
 
         Raises:
             MemoryError: the device has no room for it.
@@ -177,7 +177,7 @@ class Launcher:
         return array
 
     def array(self, values: np.ndarray, label: str, dtype=None) -> wp.array:
-        """A copy of a NumPy array on the device, counted under a label."""
+        """Copies a NumPy array to the device, counted under a label."""
         array = wp.array(values, dtype=dtype or wp.dtype_from_numpy(values.dtype), device=self.device)
         self.allocated[label] += array.capacity
         return array
@@ -192,20 +192,20 @@ class Launcher:
         self._launch(kernel, ni, (nj, -(-nk // run)), run, _SECONDS_A_CELL, args)
 
     def launch_queries(self, kernel: wp.Kernel, shape: tuple[int, int, int], *args) -> None:
-        """Like `launch`, for kernels that query a mesh at each cell."""
+        """Like `launch`, for kernels that query a mesh in each cell."""
         ni, nj, nk = shape
         run = max(nk, 1) if self.device.is_cpu else 1
         self._launch(kernel, ni, (nj, -(-nk // run)), run, _SECONDS_A_QUERY, args)
 
     def launch_each(self, kernel: wp.Kernel, count: int, *args) -> None:
-        """Runs a list kernel, one thread an item; its first parameter, Rows, is filled in."""
+        """Runs a list kernel with one thread per item; its first parameter, Rows, is filled in."""
         self._launch(kernel, count, (), 1, _SECONDS_AN_ITEM, args)
 
     def record(self, passes: Callable[[], None]) -> Callable[[], None]:
-        """Runs passes on this thread, and returns what runs them again, on the same arrays with the same numbers.
+        """Runs passes on this thread, and returns a function that replays them with the same arrays and numbers.
 
-        On the CPU that takes 1 µs for each launch, not 9. Recording takes about 0.1 ms for each; meanwhile no other
-        thread may launch anything, as Warp would record that too.
+        On the CPU a replay takes 1 µs per launch instead of 9. Recording takes about 0.1 ms per launch; meanwhile no
+        other thread may launch anything, as Warp would record that too.
         """
         passes()  # so that no kernel is compiled while recording
         self._recording = True
@@ -222,7 +222,7 @@ class Launcher:
         return replay
 
     def _launch(self, kernel, rows: int, inner: tuple, run: int, seconds: float, args: tuple) -> None:
-        """Launches `rows` rows of `inner` runs; a cell or item takes `seconds`, unless it is known better."""
+        """Launches `rows` rows of `inner` runs; a cell or item is assumed to take `seconds` until it has been timed."""
         if rows == 0 or 0 in inner:
             return
         self.launches[kernel.key] += 1
@@ -234,7 +234,7 @@ class Launcher:
         key = (kernel, rows, inner, run, slabs)
         recorded = self._recorded.get(key)
         if recorded is None:
-            if len(self._recorded) >= _MOST_RECORDED:  # boxes that move have ever new shapes: the oldest goes
+            if len(self._recorded) >= _MOST_RECORDED:  # moving boxes keep bringing new shapes: drop the oldest
                 del self._recorded[next(iter(self._recorded))]
             bounds = [rows * n // slabs for n in range(slabs + 1)]
             commands = []
@@ -259,11 +259,11 @@ class Launcher:
             self._seconds[size] = min(took, _GROWTH * self._seconds.get(size, took))
 
     def synchronize(self) -> None:
-        """Waits for the device, so that a clock may be read (nothing to wait for on the CPU)."""
+        """Waits for the device before a clock is read (the CPU needs no wait)."""
         if self.device.is_cuda:
             wp.synchronize_device(self.device)
 
 
 def load_kernels(modules: list[str], device: str = "cpu") -> None:
-    """Compiles and loads the kernels of Python modules, several at once; cached by Warp after the first time."""
+    """Compiles and loads the kernels of Python modules in parallel; Warp caches them after the first time."""
     wp.force_load(device=device, modules=[wp.get_module(name) for name in modules], max_workers=available_threads())

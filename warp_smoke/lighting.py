@@ -1,4 +1,4 @@
-"""Shadows and bakes of a plan: which shadow meets which receiver, and what is computed again at a frame."""
+"""Shadows and bakes of a plan: which shadow falls on which receiver, and what is recomputed at each frame."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,18 +17,18 @@ from warp_smoke.shadow.casters import Casters
 from warp_smoke.shadow.methods import SMOKE_SHADOWS, SURFACE_SHADOWS
 from warp_smoke.timing import Timings
 
-# The largest linear value that rounds to black in an 8-bit sRGB picture: half a code of its linear part.
+# The largest linear value that rounds to black in an 8-bit sRGB picture: half a code on its linear segment.
 _BLACK = 0.5 / 255 / 12.92
-# Density that no smoke is meant to exceed, yet whose sums over a box are finite.
+# A density above that of any smoke, whose sums over a box are still finite.
 _FULL = 1e6
 
 
 class Lighting:
-    """Brings shadows and pictures to a frame, each as often as the plan says.
+    """Updates shadows and pictures for each frame, each as often as the plan says.
 
     Attributes:
-        origin: world position of set space's origin, near the middle of what is lit, [3] float64.
-        warnings: what could not be baked as asked, and from the first update on what is too dark to be seen.
+        origin: world position of set space's origin, near the middle of everything lit, [3] float64.
+        warnings: what could not be baked as asked and, after the first update, what is too dark to be seen.
     """
 
     def __init__(self, launcher: Launcher, plan: Plan, timings: Timings):
@@ -72,7 +72,7 @@ class Lighting:
         return self._casters[light.shadowed_by]
 
     def _smoke_shadows(self, lights: list[LightPlan]) -> dict[tuple[str, str, str], object]:
-        """One for each pair of a light and a domain, whichever receivers share it."""
+        """Makes one smoke shadow for each light, domain and method; receivers share it."""
         layers, made = buffer_layers(lights), {}
         for each in lights:
             for domain, method, _ in each.smoke:
@@ -90,7 +90,7 @@ class Lighting:
         return VolumeLight(self._launcher, each.domain.lattice, lights, self.origin, albedo, ambient, shadowed)
 
     def light_volumes(self, time: float, densities: Mapping[str, wp.array]) -> dict[str, np.ndarray]:
-        """The light that smoke scatters, [nx, ny, nz, 3] by path of domain, with the shadows of the last update."""
+        """Computes the light that smoke scatters, [nx, ny, nz, 3] by domain path, with the shadows last updated."""
         found = {}
         for each in self._plan.volumes:
             path, smoke = each.domain.domain.path, {light.light.path: light for light in each.lights}
@@ -120,15 +120,15 @@ class Lighting:
         )
 
     def update(self, time: float, densities: Mapping[str, wp.array]) -> dict[tuple[str, str], np.ndarray]:
-        """Brings everything to a time code.
+        """Updates everything to a time code.
 
         Args:
             time: time code.
             densities: [nx, ny, nz] of each domain, by path.
 
         Returns:
-            Pixels of the pictures that changed, by receiver path and bake; float32 values at points where the
-            receiver's texture coordinates hold no picture. A shadow map that is written is there by its light's path
+            Pixels of the pictures that changed, by receiver path and bake; float32 values at points for receivers
+            whose texture coordinates cannot hold a picture. Shadow maps to be written are under their light's path
             and `depth`.
         """
         if not self._lit:
@@ -152,18 +152,18 @@ class Lighting:
         return pictures
 
     def follow(self, frames: range, densities: Mapping[str, wp.array]) -> None:
-        """Brings everything to where it is after an update at each of these frames; gives no pictures.
+        """Restores the state after an update at each of these frames, without making pictures again.
 
         Args:
-            frames: that have been made.
-            densities: [nx, ny, nz] of each domain, by path; what depends on them is made again at the next frame.
+            frames: the frames that have been made.
+            densities: [nx, ny, nz] of each domain, by path; what depends on them is recomputed at the next frame.
         """
         self.update(frames[0], densities)
         for casters in self._casters.values():
             casters.follow(frames)
 
     def _limit_smoke(self, time: float, densities: Mapping[str, wp.array]) -> None:
-        """Finds the texels that smoke may ever shadow, where nothing else changes: those that full boxes shadow."""
+        """Finds the texels that smoke can ever shadow, where only smoke changes: those that full boxes shadow."""
         still = [each for each in self._plan.receivers if _only_smoke_changes(each)]
         if not still:
             return
@@ -212,7 +212,7 @@ class Lighting:
             shadow.transmittance(points, shares)
 
     def _draw_depth_maps(self) -> dict[tuple[str, str], np.ndarray]:
-        """The shadow maps that are written, as far as they may have changed."""
+        """Draws those shadow maps to be written that may have changed."""
         due = [path for path, when in self._plan.depth_maps.items() if when == When.FRAME or not self._baked]
         if not due:
             return {}
@@ -220,32 +220,32 @@ class Lighting:
             return {(path, "depth"): self._maps[path].depth_picture() for path in due}
 
     def depth_pictures(self) -> dict[str, np.ndarray]:
-        """The depth maps by path of light, uint8: a cross of six faces for a point light."""
+        """Returns the depth maps by light path, uint8: a cross of six faces for a point light."""
         return {path: shadow.depth_picture() for path, shadow in self._maps.items() if hasattr(shadow, "depth_picture")}
 
 
 def _only_smoke_changes(each: ReceiverPlan) -> bool:
-    """Whether smoke may shadow a receiver that stands still with its lights, what shadows it and the camera."""
+    """Returns whether smoke may shadow a receiver for which nothing else changes: lights, casters or camera."""
     return any(light.smoke for light in each.lights) and all(light.when == When.ONCE for light in each.lights)
 
 
 def _is_colored(light: LightPlan) -> bool:
-    """Whether smoke dims some of the light's colours more than others."""
+    """Returns whether smoke dims some of the light's colours more than others."""
     return any(each.domain.domain.colors_light for each in light.smoke)
 
 
 def _is_black(pixels: np.ndarray) -> bool:
-    """Whether a lit picture, or values at points, is black everywhere."""
+    """Returns whether a lit picture, or lit values at points, are black everywhere."""
     return bool(pixels[..., :3].max(initial=0) <= (_BLACK if pixels.dtype == np.float32 else 0))
 
 
 def _too_dim(each: ReceiverPlan, light: Light | None, value: float) -> tuple[str, ...]:
-    """Warns of a black receiver whose lights are too dim, rather than hidden from it or off.
+    """Warns of a black receiver if its lights are too dim, and not just hidden from it or off.
 
     Args:
         each: the receiver.
-        light: its brightest.
-        value: the most of it that the receiver would reflect without any shadow, linear.
+        light: its brightest light.
+        value: the most that the receiver would reflect of this light without any shadow, linear.
     """
     if not 0.0 < value <= _BLACK:
         return ()

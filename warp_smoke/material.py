@@ -1,4 +1,4 @@
-"""How surfaces look: materials, the pictures on them and the pictures that are computed, as frozen records."""
+"""How surfaces look: materials, textures and procedural textures, as frozen records."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ REFLECTIONS = ("blinnPhong", "blinnPhongLdr", "energyConserving", "classic")
 GLOSS_ROLES = ("exponent", "factor")
 PARALLAXES = ("offset", "occlusion", "none")
 PROCEDURALS = ("mandelbrot", "checker", "noise")
-# Textures of colours, whose 8-bit files are sRGB unless they say otherwise, and of numbers.
+# Textures of colours, whose 8-bit files are sRGB unless they say otherwise, and textures of numbers.
 COLOR_TEXTURES = ("diffuse_texture", "specular_texture", "emissive_texture")
 DATA_TEXTURES = (
     "normal_texture",
@@ -26,15 +26,16 @@ TEXTURES = COLOR_TEXTURES + DATA_TEXTURES
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Texture(Record):
-    """A picture on a surface (USD: `UsdUVTexture`, its coordinates through a `UsdTransform2d`).
+    """A picture on a surface (USD: `UsdUVTexture`, with coordinates from a `UsdTransform2d`).
 
     Attributes:
-        file: absolute path, of a file within a `.usdz` package as `PACKAGE[FILE]`.
+        file: absolute path; `PACKAGE[FILE]` for a file within a `.usdz` package.
         wrap_s, wrap_t: repeat, clamp, mirror or black.
-        color_space: of the file: sRGB, raw, or auto (sRGB for 8-bit colour that is seen, raw for all else).
+        color_space: of the file: sRGB, raw, or auto (sRGB for 8-bit textures of colours, raw for all else).
         scale, bias: value = file · scale + bias, RGBA.
-        channel: what is taken of it: rgb, or one of r, g, b, a.
-        uv_scale, uv_rotation, uv_translation: coordinates are scaled, turned counter-clockwise [degrees] and moved.
+        channel: the channels used: rgb, or one of r, g, b, a.
+        uv_scale, uv_rotation, uv_translation: coordinates are scaled, rotated counter-clockwise [degrees] and
+            translated.
     """
 
     file: str
@@ -60,14 +61,14 @@ class Texture(Record):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Procedural(Record):
-    """A picture that is computed (USD: `smoke:procedural` on a Material); colours are linear RGB.
+    """A procedural texture (USD: `smoke:procedural` on a Material); colours are linear RGB.
 
     Attributes:
         kind: mandelbrot, checker or noise.
         size: texels along a side.
-        color1, color2: mandelbrot: outside, between which iterations are blended; checker: the squares; noise: low
-            and high.
-        zoom, center, max_iterations: of the Mandelbrot set: z ← z² + c with c = 5 (uv − ½)/zoom + center.
+        color1, color2: mandelbrot: the ends of the blend outside the set, by iterations; checker: the squares; noise:
+            low and high.
+        zoom, center, max_iterations: for the Mandelbrot set: z ← z² + c with c = 5 (uv − ½)/zoom + center.
         repeats: squares of the checker, or features of the noise, along a side.
     """
 
@@ -98,17 +99,18 @@ class Material(Record):
 
     Attributes:
         path: prim path.
-        diffuse_color, diffuse_texture: the texture, where there is one, stands in for the colour.
-        procedural: a computed picture, which stands in for both.
-        fresnel_r0, specular_texture: reflectance at normal incidence, of what is not metal.
-        metallic, metallic_texture: share of metal, 0 to 1, which reflects the diffuse colour as a mirror alone.
+        diffuse_color, diffuse_texture: the texture, if any, replaces the colour.
+        procedural: a procedural texture, which replaces both.
+        fresnel_r0, specular_texture: reflectance of the non-metal share at normal incidence.
+        metallic, metallic_texture: share of metal, 0 to 1; metal has no diffuse term and a specular reflectance of
+            the diffuse colour.
         roughness, roughness_texture: 0 to 1; the Blinn-Phong exponent is 256 (1 − roughness). Gloss is 1 − roughness.
         gloss: what the roughness texture does: it sets the exponent (`exponent`), or its gloss multiplies the
-            highlight, whose exponent is from `roughness` (`factor`).
-        emissive_color, emissive_texture: light the surface gives off.
+            highlight, whose exponent comes from `roughness` (`factor`).
+        emissive_color, emissive_texture: light the surface emits.
         occlusion, occlusion_texture: share of the ambient light that arrives, 0 to 1.
-        opacity, opacity_texture: share of what lies behind that is hidden, 0 to 1.
-        opacity_threshold: above 0, opacity below it is a hole, and from it on there is none.
+        opacity, opacity_texture: share of the background that is hidden, 0 to 1.
+        opacity_threshold: if above 0, the surface is a hole where opacity is below it and opaque elsewhere.
         normal_texture: normals in tangent space, −1 to 1 after the texture's scale and bias.
         height_texture: heights, 0 to 1, by which coordinates are shifted (`parallax`).
         reflection: blinnPhong, blinnPhongLdr (highlights squeezed into 0…1), energyConserving, or classic (no Fresnel
@@ -157,17 +159,17 @@ class Material(Record):
 
     @property
     def has_pictures(self) -> bool:
-        """Whether any of it is a picture, which needs texture coordinates."""
+        """Whether it has a texture or procedural texture, which need texture coordinates."""
         return self.procedural is not None or any(getattr(self, name) is not None for name in TEXTURES)
 
     @property
     def has_relief(self) -> bool:
-        """Whether heights shift its texture coordinates, so that they follow the eye."""
+        """Whether heights shift its texture coordinates, which makes them depend on the view."""
         return self.height_texture is not None and self.parallax != "none"
 
     @property
     def is_marched(self) -> bool:
-        """Whether lines of sight and of light are followed through its relief."""
+        """Whether view and light rays are marched through its relief."""
         return self.has_relief and self.parallax == "occlusion"
 
     @property
@@ -177,15 +179,15 @@ class Material(Record):
 
     @property
     def is_blended(self) -> bool:
-        """Whether something behind it may shine through, instead of being seen whole through holes."""
+        """Whether it is blended with the background, rather than having holes."""
         return self.is_see_through and self.opacity_threshold == 0.0
 
     @property
     def casts_shadow(self) -> bool:
-        """Whether it stops light: all of it, or none if it hides less than half. What a texture hides counts as all."""
+        """Whether it casts a shadow: a constant opacity must reach the threshold, or ½ without one; a texture does."""
         return self.opacity_texture is not None or self.opacity >= (self.opacity_threshold or 0.5)
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether it has directions in tangent space."""
+        """Whether it uses tangent space: it has a normal map or relief."""
         return self.normal_texture is not None or self.has_relief

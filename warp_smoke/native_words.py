@@ -1,4 +1,4 @@
-"""What native libraries say on standard error, without what is known to be no news."""
+"""Filters known, harmless lines from what native libraries write to standard error."""
 
 import os
 import sys
@@ -9,9 +9,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def leaving_out(words: str) -> Iterator[None]:
-    """Leaves out lines with some words, and passes on whatever else is said meanwhile.
+    """Drops lines written to standard error in this block that contain `words`, and passes on all others at its end.
 
-    Native code writes past Python, so the file descriptor is watched.
+    Native code bypasses `sys.stderr`, so the file descriptor itself is redirected.
     """
     sys.stderr.flush()
     stderr = os.dup(2)

@@ -28,17 +28,17 @@ from warp_smoke.usd.write import write_results
 
 # Frames that may wait to be written; more would only cost memory when the disk is slower than the simulation.
 _FRAMES_IN_HAND = 2
-# Unless it is said how often, a checkpoint is written when the last one took less than this share of the time since.
+# By default a checkpoint is written if the last one took less than this share of the time since it was started.
 _CHECKPOINT_SHARE = 0.05
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a run left behind.
+    """What a run produced.
 
     Attributes:
         folder: the output folder.
-        stage: its root layer.
+        stage: the root layer in it.
         report: the content of report.json.
     """
 
@@ -48,11 +48,11 @@ class Result:
 
 
 class Output:
-    """A context in which frames are written; folders that it made and that stay empty are removed if it fails.
+    """A context that writes frames; if it fails, it removes folders that it made and that are still empty.
 
-    What an earlier run left goes first, so that no stage mixes two runs. Every file appears whole or not at all. A run
-    that is cut short leaves its checkpoint, and a stage with the frames that were made by then: both are written now
-    and then (`checkpoint_every`), the stage also when an error ends the run.
+    Results of an earlier run are removed first, so that no stage mixes two runs. Every file appears complete or not at
+    all. A run that is cut short leaves a checkpoint and a stage with the frames made so far: both are written from time
+    to time (`checkpoint_every`), and the stage also when an error ends the run.
     """
 
     def __init__(
@@ -63,15 +63,14 @@ class Output:
         checkpoint_every: int | None = None,
         before: Checkpoint | None = None,
     ):
-        """Prepares.
+        """Prepares to write; nothing is touched before the context is entered.
 
         Args:
-            folder: for the results, held by the caller.
+            folder: folder for the results, locked by the caller.
             simulation: makes the frames.
-            fingerprint: of the run.
-            checkpoint_every: frames between checkpoints; 0 = none but at an interruption, None = as often as costs
-                little.
-            before: where the run goes on from.
+            fingerprint: fingerprint of the run.
+            checkpoint_every: frames between checkpoints; 0 = only on interruption, None = as often as costs little.
+            before: checkpoint from which the run resumes, or None.
         """
         self._place, self._folder, self._simulation, self._plan = folder, folder.path, simulation, simulation.plan
         self._fingerprint, self._every, self._before = fingerprint, checkpoint_every, before
@@ -103,12 +102,12 @@ class Output:
     def __exit__(self, *error) -> None:
         self._pool.shutdown()
         if error[0]:
-            with suppress(OSError):  # what went wrong first is what is told
+            with suppress(OSError):  # report the first error, not this one
                 self._write_layers(self._whole_frames())
             remove_empty(self._made)
 
     def _clear(self) -> None:
-        """Removes what an earlier run left: the layers first, then what they named."""
+        """Removes the results of an earlier run: the layers first, then the files they name."""
         place = self._place
         named = result_files(place.results)
         for path in (place.stage, place.results, place.report, place.checkpoint):
@@ -117,10 +116,10 @@ class Output:
             path.unlink(missing_ok=True)
 
     def _take_over(self, before: Checkpoint) -> None:
-        """Notes the files of the frames before a checkpoint.
+        """Takes over the files of the frames up to a checkpoint.
 
         Raises:
-            ValueError: one of them is gone.
+            ValueError: one of them is missing.
         """
         self._frames = before.report["frames"]
         for made in self._frames:
@@ -151,7 +150,7 @@ class Output:
         return file
 
     def write(self, frame: Frame) -> None:
-        """Takes a frame's results and starts writing them."""
+        """Starts writing a frame's results."""
         started = []
         if not self._frames:
             started = self._write_procedurals()
@@ -184,18 +183,18 @@ class Output:
             self._save()
 
     def _start(self, write: Callable[..., object], file: str, *content) -> Future:
-        """Starts writing a file of the folder."""
+        """Starts writing a file in the folder."""
         self._unsynced.append(self._folder / file)
         return self._pool.submit(write, self._folder / file, *content)
 
     def _is_due(self) -> bool:
-        """Whether a checkpoint belongs after the frame that was just taken."""
+        """Returns whether a checkpoint is due after the latest frame."""
         if self._every is not None:
             return self._every > 0 and len(self._frames) % self._every == 0
         return not self._saves and self._cost < _CHECKPOINT_SHARE * (perf_counter() - self._saved_at)
 
     def _save(self) -> None:
-        """Copies the simulation's state and starts writing the checkpoint, and a stage of the frames so far."""
+        """Copies the simulation's state and starts writing a checkpoint and a stage of the frames so far."""
         began = self._saved_at = perf_counter()
         with self._simulation.timings.measure("write_checkpoint"):
             passes = dict(self._simulation.timings.seconds)
@@ -212,7 +211,7 @@ class Output:
         self._saves.append(self._pool.submit(self._write_checkpoint, checkpoint, before, files, copied))
 
     def _write_checkpoint(self, checkpoint: Checkpoint, before: list[Future], files: list[Path], copied: float) -> None:
-        """Writes a checkpoint, once all that it counts on is on the disk, and the stage as it then is."""
+        """Writes a checkpoint, once all files it relies on are on the disk, and then the stage up to its frame."""
         began = perf_counter()
         for written in before:
             written.result()
@@ -223,17 +222,17 @@ class Output:
         self._cost = copied + perf_counter() - began
 
     def stop(self) -> int:
-        """Writes a checkpoint of the frames so far, and waits for all files.
+        """Writes a checkpoint of the frames so far and waits for all files.
 
         Returns:
-            The last frame.
+            The number of the last frame.
         """
         self._save()
         self._settle(0)
         return self._frames[-1]["frame"]
 
     def _settle(self, allowed: int) -> None:
-        """Waits until no more than `allowed` frames wait to be written; raises what went wrong with one."""
+        """Waits until at most `allowed` frames remain to be written; raises any error from writing them."""
         while len(self._waiting) > allowed:
             for future in self._waiting[0]:
                 future.result()
@@ -242,9 +241,9 @@ class Output:
             self._saves.pop(0).result()
 
     def write_depth_maps(self) -> None:
-        """Writes the shadow maps as they now stand, one grey picture a light: a cross of six faces for a cube map.
+        """Writes the current shadow maps, one grey picture per light: a cross of six faces for a cube map.
 
-        Those that a receiver's `depth` has had written already, since they never change, are left as they are.
+        Maps that never change and were already written for a receiver's `depth` bake are left as they are.
         """
         last = self._plan.scene.end
         for path, picture in self._simulation.depth_pictures().items():
@@ -252,10 +251,10 @@ class Output:
                 write_png(self._folder / self._names.depth_map(path, When.ONCE, last), picture)
 
     def finish(self, set_up: float) -> Result:
-        """Writes the layers and the report once every other file is there.
+        """Writes the layers and the report once every other file is written.
 
         Args:
-            set_up: time that loading and setting up took before the first frame [s].
+            set_up: time for loading and setting up before the first frame [s].
         """
         timings = self._simulation.timings
         with timings.measure("wait_for_files"):
@@ -269,13 +268,13 @@ class Output:
         return Result(self._folder, stage, report)
 
     def _whole_frames(self) -> int:
-        """The last frame up to which every file is there; the one before the first if there is none."""
+        """Returns the last frame up to which every file is written; the one before the first if there is none."""
         whole = [not any(each.exception() for each in started) for started in self._waiting]
         count = whole.index(False) if False in whole else len(whole)
         return self._plan.scene.start - 1 + len(self._frames) - len(whole) + count
 
     def _write_layers(self, last: int) -> Path:
-        """Writes the stage of the frames up to one; nothing if that is before the first."""
+        """Writes the stage with the frames up to `last`; nothing if that is before the first."""
         scene = self._plan.scene
         if last < scene.start:
             return self._place.stage
@@ -292,7 +291,7 @@ class Output:
         return write_results(self._folder, self._place.name, scene, volumes, bakes, pictures)
 
     def _write_procedurals(self) -> list[Future]:
-        """Starts writing the pictures that materials ask to be computed."""
+        """Starts writing the procedural textures."""
         files = self._names.procedurals()
         return [
             self._start(_write_procedural, files[material.path], material.procedural)

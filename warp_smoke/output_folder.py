@@ -1,4 +1,4 @@
-"""The folder of a run's results: where its files stand, and one run in it at a time."""
+"""The folder of a run's results: where its files are, and a lock that admits one run at a time."""
 
 import json
 from collections.abc import Iterator
@@ -18,8 +18,8 @@ class OutputFolder:
     """A folder that holds the results of one run.
 
     Attributes:
-        path: of the folder, which need not be there yet.
-        name: of the layers and the checkpoint.
+        path: path of the folder, which need not exist yet.
+        name: base name of the layers and the checkpoint.
     """
 
     path: Path
@@ -27,15 +27,15 @@ class OutputFolder:
 
     @staticmethod
     def of(scene: Scene, path: str | Path | None = None) -> "OutputFolder":
-        """That of a scene.
+        """Returns the output folder of a scene.
 
         Args:
-            scene: what will run.
-            path: of the folder; `out/NAME` unless given.
+            scene: the scene to run.
+            path: path of the folder; `out/NAME` unless given.
 
         Raises:
-            FieldError: it cannot be a folder or may not be written, another run writes to it, or the scene's own stage
-                would be overwritten.
+            FieldError: the path is not a folder or not writable, another run writes to it, or the scene's stage would
+                be overwritten.
         """
         name = scene.source.stem if scene.source else "scene"
         folder = OutputFolder(Path("out", name) if path is None else Path(path), name)
@@ -48,26 +48,26 @@ class OutputFolder:
 
     @property
     def stage(self) -> Path:
-        """The root layer."""
+        """The root layer's file."""
         return self.path / f"{self.name}.usda"
 
     @property
     def results(self) -> Path:
-        """The layer below it with what was made."""
+        """The sublayer with the results."""
         return self.path / f"{self.name}{RESULTS_SUFFIX}"
 
     @property
     def checkpoint(self) -> Path:
-        """What a run that was cut short goes on from."""
+        """The checkpoint from which an interrupted run resumes."""
         return self.path / f"{self.name}.checkpoint"
 
     @property
     def report(self) -> Path:
-        """What a run did that came to its end."""
+        """The report of a finished run."""
         return self.path / "report.json"
 
     def read_report(self) -> dict:
-        """The report; empty if there is none."""
+        """Reads the report; empty if there is none, or if it is damaged."""
         try:
             report = json.loads(self.report.read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -76,7 +76,7 @@ class OutputFolder:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Makes the folder, and keeps other runs out of it; folders that it made and that stay empty are removed.
+        """Makes the folder and keeps other runs out of it; at the end, removes folders that it made if still empty.
 
         Raises:
             FieldError: another run writes to it, or it holds the results of another stage.

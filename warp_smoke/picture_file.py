@@ -1,4 +1,4 @@
-"""Files of pictures, alone or within a `.usdz` package."""
+"""Picture files, on their own or within a `.usdz` package."""
 
 import errno
 import os
@@ -16,10 +16,10 @@ def open_picture_file(path: str) -> BinaryIO:
     """Opens a file for reading.
 
     Args:
-        path: of a file, or `PACKAGE[FILE]`.
+        path: path of a file, or `PACKAGE[FILE]`.
 
     Raises:
-        OSError: it is not there, or the package is damaged.
+        OSError: the file does not exist, or the package is damaged.
     """
     packaged = _PACKAGED.fullmatch(path)
     if not packaged:
@@ -35,5 +35,5 @@ def open_picture_file(path: str) -> BinaryIO:
         NotImplementedError,
         RuntimeError,
         zlib.error,
-    ) as error:  # also of what is not meant to be in it
+    ) as error:  # also raised for encrypted or unsupported entries
         raise OSError(errno.EIO, f"a damaged package: {error}", path) from None

@@ -1,4 +1,4 @@
-"""Quality presets: measured settings for what a stage leaves open, and what was chosen for a scene; no Warp here.
+"""Quality presets: measured settings for what a stage leaves open, and what was chosen for a scene (without Warp).
 
 `quality.json` holds what `scripts/presets.py` measured on a named machine: for smoke, baked light and rendered
 pictures, many settings with their error and time, three of which make up each preset.
@@ -16,7 +16,7 @@ from warp_smoke.scene import DistantLight, Light, Scene
 QUALITIES = ("draft", "preview", "final")
 _MEASURED = Path(__file__).with_suffix(".json")
 _KEPT = ("error", "milliseconds", "ns_per_item")
-# Distant lights see the whole set in one map, where others have six.
+# Distant lights cover the whole set with one map; others have six.
 _DISTANT_MAPS = 2
 
 
@@ -26,10 +26,10 @@ class Quality:
 
     Attributes:
         resolution: cells along the longest side of a domain.
-        advection, max_courant, pressure_tolerance: of a domain.
-        shadow_filter, shadow_map_size, smoke_shadow: of a light; maps of distant lights are twice as wide.
-        smoke_shadow_share: texels along the light buffer's longer side for each cell of the finest domain's.
-        texture_size: of a receiver.
+        advection, max_courant, pressure_tolerance: for a domain.
+        shadow_filter, shadow_map_size, smoke_shadow: for a light; maps of distant lights are twice as wide.
+        smoke_shadow_share: texels along the light buffer's longer side, per cell along the finest domain's longest.
+        texture_size: for a receiver.
         samples: rays along each side of a rendered pixel.
     """
 
@@ -47,15 +47,15 @@ class Quality:
 
 @dataclass(frozen=True)
 class Chosen:
-    """What was chosen for a scene.
+    """The settings chosen for a scene.
 
     Attributes:
-        by: what asked for it, such as `quality draft`.
+        by: what asked for them, such as `Quality draft`.
         settings: values by prim path and field.
-        kept: fields that the stage sets itself and that were left, by prim path.
-        why: in a line.
-        measured: errors and times that the choice rests on, by name.
-        taken_over: whether a run that goes on has it from before it was cut short.
+        kept: fields that the stage sets itself and that were left unchanged, by prim path.
+        why: the reason, in one line.
+        measured: errors and times that the choice is based on, by name.
+        taken_over: whether a resumed run took the choice over from before it was interrupted.
     """
 
     by: str
@@ -74,18 +74,18 @@ class Chosen:
 
 
 def words_of_choice(max_error: float | None, budget: float | None) -> str:
-    """What asks for measured settings: the largest error, or the longest time of a frame [ms]."""
+    """Describes what measured settings were asked for: a largest error, or a longest time per frame [ms]."""
     return f"Budget of {budget:g} ms a frame" if max_error is None else f"Error of {max_error:g} at most"
 
 
 @cache
 def measured_presets() -> dict:
-    """What was measured of each family: on which stage and machine, what its error means, and its points."""
+    """Returns the measurements of each family: stage, machine, meaning of the error, and measured points."""
     return json.loads(_MEASURED.read_text(encoding="utf-8"))
 
 
 def preset_points(name: str) -> dict[str, dict]:
-    """The measured point of each family that makes up a preset.
+    """Returns the measured points that make up a preset, one for each family.
 
     Raises:
         FieldError: there is no such preset.
@@ -97,7 +97,7 @@ def preset_points(name: str) -> dict[str, dict]:
 
 
 def preset(name: str) -> Quality:
-    """A preset's settings.
+    """Returns a preset's settings.
 
     Raises:
         FieldError: there is no such preset.
@@ -109,9 +109,9 @@ def preset(name: str) -> Quality:
 
 
 def choose_quality(scene: Scene, name: str) -> tuple[Scene, Chosen]:
-    """A scene with a preset's settings wherever it leaves them open, and what they are.
+    """Fills the fields that a scene leaves open with a preset's settings; returns the scene and these settings.
 
-    A field is open where the stage does not set it, or, of a record made in Python, where it has its default.
+    A field is open if the stage does not set it or, for a record made in Python, if it has its default value.
 
     Raises:
         FieldError: there is no such preset.
@@ -148,7 +148,7 @@ def choose_quality(scene: Scene, name: str) -> tuple[Scene, Chosen]:
 
 
 def samples_of(name: str) -> int:
-    """Rays along each side of a pixel that a preset renders with.
+    """Returns how many rays a preset renders along each side of a pixel.
 
     Raises:
         FieldError: there is no such preset.

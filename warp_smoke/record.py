@@ -5,10 +5,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-# Beyond, forces times time and areas times areas would overflow single precision, in which the fields are.
+# Beyond this, force × time and area × area would overflow the single precision of the fields.
 LARGEST = 1e9
 SMALLEST = 1e-9
-# For what is bounded where it is used: light, and distances that stand for "no end".
+# For values that are bounded where they are used: light, and distances that stand for "no end".
 VAST = 1e38
 
 
@@ -29,7 +29,7 @@ def _equal(a: object, b: object) -> bool:
 
 
 def _brief(value: object) -> str:
-    """A value in a few words: shapes stand for arrays and counts for long tuples."""
+    """Returns a short text for a value: a shape for an array, a count for a long tuple."""
     if isinstance(value, np.ndarray):
         return f"<{value.dtype} {list(value.shape)}>"
     if isinstance(value, dict):
@@ -42,13 +42,13 @@ def _brief(value: object) -> str:
 
 
 def _quoted(value: object) -> object:
-    """A value where none of this kind is allowed: text in quotes, which reads like the number in it without them."""
+    """Returns a value for an error message about its type, with text in quotes, as "1" would read like a number."""
     return f'"{value}"' if isinstance(value, str) else value
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Base of the scene's dataclasses: equal when every field is equal."""
+    """Base of the scene's dataclasses: equal if every field is equal."""
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
@@ -71,7 +71,7 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Samples(Record):
-    """A value that changes in time: linear between its samples, held for booleans, constant outside them.
+    """A value that changes over time: linear between samples (booleans are held), constant outside them.
 
     Attributes:
         times: time codes, strictly increasing, [t].
@@ -92,7 +92,7 @@ class Samples(Record):
             raise ValueError(f"times is {self.times}; allowed: strictly increasing time codes")
 
     def at(self, time: float) -> np.ndarray:
-        """The value at a time code."""
+        """Returns the value at a time code."""
         right = int(np.searchsorted(self.times, time, side="right"))
         if right == 0 or right == len(self.times) or self.values.dtype == bool:
             return self.values[max(right - 1, 0)]
@@ -102,17 +102,17 @@ class Samples(Record):
 
 
 def value_at(value: object, time: float) -> object:
-    """A field's value at a time code, whether it changes in time (`Samples`) or not."""
+    """Returns a field's value at a time code, whether it changes over time (`Samples`) or not."""
     return value.at(time) if isinstance(value, Samples) else value
 
 
 def each_value(value: object) -> np.ndarray:
-    """All values that a field takes, [t, ...], for checks and bounds."""
+    """Returns all samples of a field, [t, ...], for checks and bounds."""
     return value.values if isinstance(value, Samples) else np.asarray(value)[None]
 
 
 def read_only(value: object, dtype: type | None) -> np.ndarray:
-    """A contiguous array that cannot be written through this name."""
+    """Returns a read-only contiguous view of the values, copied only if needed."""
     array = np.ascontiguousarray(value, dtype=dtype)
     array = array.view()
     array.flags.writeable = False
@@ -120,7 +120,7 @@ def read_only(value: object, dtype: type | None) -> np.ndarray:
 
 
 def finite(path: str, field: str, value: object, shape: tuple[int, ...] = (), largest: float = LARGEST) -> object:
-    """A number or an array of `shape` without NaN or infinity, from −largest to largest; may change in time.
+    """Checks a finite number or an array of `shape`, from −largest to largest; may change over time.
 
     Returns:
         A float for an empty shape, else a tuple of floats ([3]) or a read-only float64 array; Samples stay Samples.
@@ -157,7 +157,7 @@ def at_least(
 
 
 def positive(path: str, field: str, value: object, shape: tuple[int, ...] = (), largest: float = LARGEST) -> object:
-    """Like `finite`, with every number > 0, and not so small that its inverse is useless."""
+    """Like `finite`, with every number > 0 and large enough to have a useful inverse."""
     checked = finite(path, field, value, shape, largest)
     if np.any(each_value(checked) <= 0.0):
         raise FieldError(path, field, value, "> 0")
@@ -167,28 +167,28 @@ def positive(path: str, field: str, value: object, shape: tuple[int, ...] = (), 
 
 
 def whole(path: str, field: str, value: object, low: int, high: int) -> int:
-    """A whole number from low to high."""
+    """Checks a whole number from low to high."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
         raise FieldError(path, field, _quoted(value), f"whole numbers from {low} to {high}")
     return int(value)
 
 
 def one_of(path: str, field: str, value: object, allowed: tuple[str, ...]) -> str:
-    """One of a few tokens."""
+    """Checks that a value is one of the allowed tokens."""
     if not isinstance(value, str) or value not in allowed:
         raise FieldError(path, field, value, ", ".join(allowed))
     return value
 
 
 def tokens(path: str, field: str, value: object, allowed: tuple[str, ...]) -> tuple[str, ...]:
-    """Any number of a few tokens."""
+    """Checks a list of allowed tokens."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise FieldError(path, field, _quoted(value), "a list of " + ", ".join(allowed))
     return tuple(one_of(path, field, token, allowed) for token in value)
 
 
 def paths(path: str, field: str, value: object) -> tuple[str, ...]:
-    """Any number of prim paths."""
+    """Checks a list of prim paths."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise FieldError(path, field, _quoted(value), "a list of prim paths")
     found = tuple(value)
@@ -198,14 +198,14 @@ def paths(path: str, field: str, value: object) -> tuple[str, ...]:
 
 
 def flag(path: str, field: str, value: object) -> bool:
-    """True or false, which may not change in time."""
+    """Checks a boolean that may not change over time."""
     if not isinstance(value, bool | np.bool_):
         raise FieldError(path, field, _quoted(value), "true or false")
     return bool(value)
 
 
 def switch(path: str, field: str, value: object) -> bool | Samples:
-    """True or false; may change in time."""
+    """Checks a boolean that may change over time."""
     values = np.asarray(each_value(value))
     if values.dtype != bool or values.ndim != 1:
         raise FieldError(path, field, _quoted(value), "true or false")

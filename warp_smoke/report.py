@@ -6,12 +6,12 @@ from importlib.metadata import version
 from rich.console import Group
 from rich.table import Table
 
-# Share of the change by diffusion that it may be off by before it is told.
+# Error of diffusion, as a share of the change it makes, above which a warning is given.
 _WORTH_A_WARNING = 0.01
 
 
 def environment() -> dict:
-    """Versions, devices and threads."""
+    """Returns versions, devices and the number of threads."""
     import warp as wp
 
     from warp_smoke.launch import Launcher
@@ -31,10 +31,10 @@ def environment() -> dict:
 
 
 def step_warnings(frames: list[dict]) -> list[str]:
-    """Where solvers fell short of what was asked: pressures that did not converge, diffusion with too few sweeps.
+    """Returns warnings where solvers fell short: pressures that did not converge, diffusion with too few sweeps.
 
     Args:
-        frames: of a report.
+        frames: the frames of a report.
     """
     warnings = []
     for path in dict.fromkeys(path for frame in frames for path in frame["domains"]):
@@ -52,7 +52,7 @@ def step_warnings(frames: list[dict]) -> list[str]:
 
 
 def summary(report: dict) -> Group:
-    """Where a run's time went: a line, and a table of the passes that take more than 3 % of it."""
+    """Summarizes where a run's time went: a line, and a table of the passes that took more than 3 % of it."""
     count, seconds = len(report["frames"]), report["seconds"]
     steps = [step["substeps"] for frame in report["frames"] for step in frame["domains"].values()]
     line = f"{count} frame{'s' * (count > 1)}: {seconds['set_up']:.1f} s to set up, {seconds['frames']:.1f} s to make"

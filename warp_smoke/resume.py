@@ -1,4 +1,4 @@
-"""What an earlier run left in a folder, for one that goes on with it."""
+"""Finds what an earlier run left in a folder, so that a new run can resume it."""
 
 from dataclasses import replace
 
@@ -10,14 +10,14 @@ from warp_smoke.scene import Scene
 
 
 def checkpoint_before(folder: OutputFolder, made_of: dict[str, str]) -> Checkpoint | None:
-    """The checkpoint of a run that was cut short; None if there is none.
+    """Reads the checkpoint of an interrupted run; None if there is none.
 
     Args:
         folder: where it is.
-        made_of: fingerprint of the run that is to go on.
+        made_of: fingerprint of the run to resume.
 
     Raises:
-        ValueError: it is damaged, or of another run.
+        ValueError: it is damaged, or belongs to another run.
     """
     if not folder.checkpoint.exists():
         return None
@@ -27,7 +27,7 @@ def checkpoint_before(folder: OutputFolder, made_of: dict[str, str]) -> Checkpoi
 
 
 def finished_report(folder: OutputFolder, made_of: dict[str, str]) -> dict | None:
-    """The report of a run of the same that came to its end; None if there is none."""
+    """Reads the report of a finished run with this fingerprint; None if there is none."""
     report = folder.read_report()
     return report if report.get("fingerprint") == digest(made_of) else None
 
@@ -35,20 +35,21 @@ def finished_report(folder: OutputFolder, made_of: dict[str, str]) -> dict | Non
 def choice_before(
     folder: OutputFolder, scene: Scene, by: str, device: str, stirred_by: str = ""
 ) -> tuple[Scene, Chosen] | None:
-    """A scene with the settings that the run in a folder had chosen for it: measured again, others might be.
+    """Takes over the settings chosen for the run in a folder, since measuring again might choose others.
 
     Args:
         folder: where the run is.
-        scene: as the stage has it.
+        scene: the scene as the stage has it.
         by: what asks for settings now.
-        device: where it is to run.
-        stirred_by: what else is to move the air, such as a script's force.
+        device: the device to run on.
+        stirred_by: what else moves the air, such as a script's force.
 
     Returns:
-        The scene, and what was chosen; None if there is no run, or it is finished and was of another scene or choice.
+        The scene with these settings, and the choice; None if there is no run, or a finished one of another scene or
+        choice.
 
     Raises:
-        ValueError: the checkpoint is damaged, or of a run whose settings something else had asked for.
+        ValueError: the checkpoint is damaged, or its settings were chosen by something else.
     """
     goes_on = folder.checkpoint.exists()
     chosen = (read_checkpoint(folder.checkpoint).report if goes_on else folder.read_report()).get("chosen")

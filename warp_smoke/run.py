@@ -1,4 +1,4 @@
-"""The whole way: a scene in, volumes, textures, a finished stage and a report out."""
+"""A full run: from a scene to volumes, textures, a finished stage and a report."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -38,37 +38,37 @@ def run(
 ) -> "Result":
     """Simulates, shadows, bakes and writes every frame of a scene.
 
-    SIGINT (Ctrl-C) and SIGTERM let the frame in hand finish, and leave a checkpoint and a stage of the frames so far.
+    SIGINT (Ctrl-C) and SIGTERM let the current frame finish, and leave a checkpoint and a stage of the frames so far.
 
     Args:
-        scene: what to run, the file of a stage, or a plan made of one.
-        folder: for the results; `out/NAME` unless given.
+        scene: a scene, the file of a stage, or a plan made from one.
+        folder: folder for the results; `out/NAME` unless given.
         quality: a preset for what the scene leaves open: draft, preview or final.
-        max_error: chooses the fastest settings that are measured to be within it (see `study.choice.choose`).
-        budget: chooses the best settings that are measured to take no longer for a frame [ms].
+        max_error: chooses the fastest settings whose measured error is within this (see `study.choice.choose`).
+        budget: chooses the best settings whose measured time per frame is within this [ms].
         device: `cpu`, `cuda` or `cuda:N`.
         threads: CPU threads; all unless given.
-        depth_maps: whether to write the shadow maps of the last frame as `textures/LIGHT.depth.png`, to look at.
-        resume: whether to go on from the checkpoint in the folder, with files that are the same to the bit as those of
-            a run that was never stopped, and with the settings that it had chosen. Without a checkpoint the run starts
-            at its first frame; the results of one that is finished are given as they are.
-        checkpoint_every: frames between checkpoints, 0 = only when interrupted; None = as often as it takes less than
-            5 % of the time.
+        depth_maps: whether to write the shadow maps of the last frame as `textures/LIGHT.depth.png`, for inspection.
+        resume: whether to continue from the checkpoint in the folder, with the settings chosen for that run and files
+            bit-identical to those of an uninterrupted run. Without a checkpoint the run starts at its first frame, or
+            returns the results as they are if it is already finished.
+        checkpoint_every: frames between checkpoints; 0 = only when interrupted, None = as often as takes less than 5 %
+            of the time.
         on_frame: called with each finished frame.
-        on_substep: called in each substep, to add a force, say; see `Simulation`. Settings that an error or a budget
-            chooses are measured without it. It is no part of a checkpoint: a run that goes on must be given it again,
-            and one that is not is refused; whether it is the same one is not checked.
+        on_substep: called in each substep, for example to add a force; see `Simulation`. Settings chosen by an error
+            or a budget are measured without it. Checkpoints do not contain it: a resumed run must be given it again,
+            else it is refused, but whether it is the same function is not checked.
 
     Returns:
         The folder, its root layer, and the content of report.json.
 
     Raises:
         ValueError: the scene asks for something that cannot be done, another run writes to the folder, or the
-            checkpoint is damaged or of another run; no folder is left behind.
+            checkpoint is damaged or belongs to another run; no folder is left behind.
         MemoryError: the plan does not fit the device; no folder is left behind.
         OSError: the folder cannot be written.
-        NotFiniteError: a field is not finite; the checkpoint and the frames before stay.
-        Interrupted: a signal came; a KeyboardInterrupt that says which.
+        NotFiniteError: a field is not finite; the checkpoint and earlier frames are kept.
+        Interrupted: a signal stopped the run; a KeyboardInterrupt that says which.
     """
     if checkpoint_every is not None:
         whole("run", "checkpoint_every", checkpoint_every, 0, 10**9)
@@ -108,7 +108,7 @@ def run(
 
 
 def _plan_of(scene: Scene | Plan | str | Path, folder: str | Path | None, **options) -> Plan:
-    """The plan itself, or that of a scene or a stage; see `plan_run`."""
+    """Returns the plan itself, or the plan of a scene or a stage; see `plan_run`."""
     if isinstance(scene, Plan):
         return scene
     return plan_run(scene if isinstance(scene, Scene) else Scene.open(scene), folder, **options)
@@ -127,15 +127,14 @@ def plan_run(
     on_row: Callable[["Row", int, int], None] | None = None,
     stirred_by: str = "",
 ) -> Plan:
-    """The plan of a scene with what at most one of quality, error and budget chooses; see `run`.
+    """Plans a scene with settings chosen by quality, error or budget, at most one of them; see `run`.
 
-    Settings that are chosen by error or budget are measured first unless they are known; `on_row` is called with each
-    row, its number and their count. A run that goes on keeps those that it had. `stirred_by` is as in
-    `make_plan`.
+    To choose by error or budget, settings are measured first unless their measurements are known; `on_row` is called
+    with each row, its number and the row count. A resumed run keeps its settings. `stirred_by` is as in `make_plan`.
 
     Raises:
         FieldError: more than one is given, nothing can be chosen, or the folder cannot be written or is in use.
-        ValueError: the checkpoint in the folder is damaged, or its settings were not chosen by the same.
+        ValueError: the checkpoint in the folder is damaged, or its settings were chosen otherwise.
     """
     place = OutputFolder.of(scene, folder)
     asked = {"quality": quality, "max_error": max_error, "budget": budget}

@@ -1,4 +1,4 @@
-"""A plan at work on one device: frame by frame, fluid, then shadows, then bakes; exactly the plan's passes."""
+"""Runs a plan on one device, frame by frame: fluid, then shadows, then bakes; exactly the plan's passes."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Smoke(Record):
-    """One domain's fields at a frame, copied to the host.
+    """One domain's fields at a frame, copied to the host; None for fields that are not exported.
 
     Attributes:
         density: [nx, ny, nz] float32 at cell centres.
-        temperature: likewise, or None where it is not exported.
-        velocity: [nx, ny, nz, 3] float32 at cell centres, along the lattice's axes [m/s], or None likewise.
-        light: what the smoke scatters, linear RGB, [nx, ny, nz, 3] float32, or None likewise.
+        temperature: [nx, ny, nz] float32 at cell centres.
+        velocity: [nx, ny, nz, 3] float32 at cell centres, along the lattice's axes [m/s].
+        light: light that the smoke scatters, linear RGB, [nx, ny, nz, 3] float32.
     """
 
     density: np.ndarray | None
@@ -40,14 +40,14 @@ class Smoke(Record):
 
 @dataclass(frozen=True, eq=False)
 class Frame(Record):
-    """What a step made.
+    """The results of one frame.
 
     Attributes:
         number: the frame (time code).
         smoke: fields by domain path.
-        pictures: those that changed, by receiver path and bake, first row at the top: uint8, or uint16 with 16 bits,
-            [h, w], [h, w, 3] or with opacity [h, w, 4]; float32 values at points, [n] or [n, 3], of a receiver without
-            texture coordinates. Shadow maps, uint8, by the light's path and `depth`.
+        pictures: those that changed, by receiver path and bake, first row at the top: uint8, or uint16 at 16 bits,
+            [h, w], [h, w, 3] or, with opacity, [h, w, 4]; float32 values at points, [n] or [n, 3], for receivers
+            without texture coordinates. Shadow maps, uint8, by the light's path and `depth`.
         steps: what the solver did, by domain path; empty at the first frame, which only emits.
     """
 
@@ -60,18 +60,18 @@ class Frame(Record):
 class Simulation:
     """Runs a scene one frame at a time; fields and pictures can be read, and fields written, between steps.
 
-    On the CPU `.numpy()` of a field is the field itself, not a copy: what a script writes there is simulated. Advection
-    puts other arrays in the place of the fields, so ask for them anew after each step. Emitters and colliders may be
-    arrays too: `ArrayEmitter`, `ArrayCollider`. Results are the same to the bit in every run and for any number of
-    threads, as long as `on_substep` does the same in every run.
+    On the CPU `.numpy()` of a field is a view, not a copy: what a script writes there is simulated. Advection swaps
+    the arrays of the fields, so get them again after each step. Emitters and colliders may be arrays too:
+    `ArrayEmitter`, `ArrayCollider`. Results are bit-identical in every run and for any number of threads, provided
+    that `on_substep` does the same in every run.
 
     Attributes:
         plan: the passes that run.
-        frame: the last frame that was made, or None before the first step.
+        frame: number of the last finished frame, or None before the first step.
         launcher: the device, with counts of launches and of bytes.
         timings: time of each pass.
         warnings: what the bakes had to leave out.
-        on_substep: the script's own part in each substep, or None.
+        on_substep: the script's function called in each substep, or None.
     """
 
     def __init__(
@@ -84,14 +84,14 @@ class Simulation:
         """Makes everything that the plan needs, and nothing else.
 
         Args:
-            scene: a scene, the file of one, or a plan made of one.
+            scene: a scene, the file of a stage, or a plan made from one.
             device: `cpu`, `cuda` or `cuda:N`.
             threads: CPU threads; all unless given.
             on_substep: called in each substep of each domain after all forces and before the pressure, with the
-                domain's solver, the time code of the substep's end and its seconds: to add a force to
-                `solver.state.velocity`, say. Not at the first frame, which is the start: there is no substep before
-                it. With it air moves in every domain (where the plan is made here; else `make_plan(scene,
-                "on_substep")`).
+                domain's solver, the time code at the substep's end and the substep's length [s], for example to add a
+                force to `solver.state.velocity`. The first frame is the initial state and has no substeps. With
+                `on_substep` the air moves in every domain; a plan made beforehand needs
+                `make_plan(scene, "on_substep")` for this.
 
         Raises:
             FieldError: `on_substep` is given with a plan that leaves the air of a domain still.
@@ -116,15 +116,15 @@ class Simulation:
         self.warnings = self._lighting.warnings
 
     def _solver(self, each: DomainPlan) -> "SmokeSolver":
-        from warp_smoke.fluid.solver import SmokeSolver  # scenes without smoke need none of it
+        from warp_smoke.fluid.solver import SmokeSolver  # not needed without smoke
 
         return SmokeSolver(self.launcher, each, self.timings)
 
     def solver(self, path: str | None = None) -> "SmokeSolver":
-        """The solver of a domain, the first one unless a path is given; its `state` has the fields.
+        """Returns the solver of a domain (the first unless a path is given); its `state` has the fields.
 
         Raises:
-            ValueError: the plan has no smoke there.
+            ValueError: the plan simulates no smoke, or none at this path.
         """
         if not self._solvers:
             why = "; ".join(": ".join((*o.subjects, o.why)) for o in self.plan.left_out if o.name == "simulate")
@@ -146,7 +146,7 @@ class Simulation:
 
     @property
     def temperature(self) -> wp.array | None:
-        """Likewise the temperature; None if nothing needs it: neither buoyancy nor an exported grid."""
+        """The first domain's temperature, like `density`; None if neither buoyancy nor an exported grid needs it."""
         return self.solver().state.temperature
 
     @temperature.setter
@@ -155,10 +155,10 @@ class Simulation:
 
     @property
     def velocity(self) -> tuple[wp.array, wp.array, wp.array]:
-        """Likewise u, v, w on faces, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1] [m/s].
+        """The first domain's u, v, w on faces, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1] [m/s], like `density`.
 
-        Where nothing moves the air they are zeros, allocated when they are first asked for: what is written there moves
-        nothing, and is gone when they are asked for again.
+        If nothing moves the air they are zeros, allocated on first use: values written there have no effect and are
+        reset to zero on the next access.
         """
         return self.solver().state.velocity or self._still_air()
 
@@ -190,13 +190,13 @@ class Simulation:
             field.assign(each)
 
     def depth_pictures(self) -> dict[str, np.ndarray]:
-        """The shadow maps by path of light, uint8 (white = far); six faces of a cube as a cross [3 n, 4 n]."""
+        """Returns the shadow maps by light path, uint8 (white = far); the six faces of a cube as a cross [3 n, 4 n]."""
         return self._lighting.depth_pictures()
 
     def step(self) -> Frame:
-        """Makes the next frame: emission alone at the first one, then the fluid's substeps, shadows and bakes.
+        """Makes the next frame: the fluid's substeps (at the first frame emission alone), shadows and bakes.
 
-        It may go on past the scene's last frame.
+        Frames after the scene's last one may be made too.
         """
         scene = self.plan.scene
         number = scene.start if self.frame is None else self.frame + 1
@@ -217,17 +217,17 @@ class Simulation:
         return Frame(number, smoke, pictures, steps)
 
     def save(self) -> dict[str, np.ndarray]:
-        """Copies all that later frames depend on to the host, by name; see `load`."""
+        """Copies everything that later frames depend on to the host, by name; see `load`."""
         return {
             f"{path} {name}": values for path, solver in self._solvers.items() for name, values in solver.save().items()
         }
 
     def load(self, frame: int, saved: Mapping[str, np.ndarray]) -> None:
-        """Goes on from what `save` gave, before the first step; what follows is the same to the bit.
+        """Restores what `save` returned, before the first step; the frames that follow are bit-identical.
 
         Args:
-            frame: the last one that was made then.
-            saved: by a simulation of the same scene.
+            frame: number of the last frame made before `save`.
+            saved: the arrays that `save` returned, for the same scene.
         """
         for path, solver in self._solvers.items():
             mine = {name.removeprefix(f"{path} "): each for name, each in saved.items() if name.startswith(f"{path} ")}

@@ -1,4 +1,4 @@
-"""How long each pass takes."""
+"""Measures how long each pass takes."""
 
 from collections import defaultdict
 from contextlib import contextmanager

@@ -1,8 +1,8 @@
 """Deflates the values of many leaves, where that pays.
 
-zlib takes 20 to 40 µs for the kilobyte of a leaf. In the half floats of a smooth field all that any Huffman code can
-find is that signs and exponents lie close together, a seventh at best; files are as large as with OpenVDB's own blosc
-without it (docs/vdb.md). So only leaves of halves that repeat themselves are deflated, and all of 32-bit floats.
+zlib takes 20 to 40 µs for the kilobyte of a leaf. In the half floats of a smooth field a Huffman code can only exploit
+that signs and exponents are alike, which saves a seventh at best; without it, files are as large as with OpenVDB's own
+blosc (docs/vdb.md). So half-float leaves are deflated only if their values repeat, and 32-bit leaves always.
 """
 
 import zlib
@@ -12,11 +12,11 @@ import numpy as np
 
 
 def deflate_leaves(values: np.ndarray, counts: np.ndarray) -> list[bytes | memoryview]:
-    """The bytes of each leaf: a zlib stream where that is shorter, else as they are.
+    """Returns the bytes of each leaf: a zlib stream if that is shorter, else the raw values.
 
     Args:
         values: the leaves' values one after the other, float16 or float32, [m] or [m, 3].
-        counts: how many numbers each leaf has, [n], none zero; their sum is the size of values.
+        counts: how many numbers each leaf has, [n], none zero; their sum is the size of `values`.
     """
     numbers = values.reshape(-1)
     raw = memoryview(numbers.view(np.uint8))
@@ -32,7 +32,7 @@ def deflate_leaves(values: np.ndarray, counts: np.ndarray) -> list[bytes | memor
 
 
 def _repetitive(halves: np.ndarray, counts: np.ndarray, lag: int) -> np.ndarray:
-    """Indices of the leaves in which most values equal the one before."""
+    """Returns the indices of the leaves in which most values equal the previous one."""
     bits = halves.view(np.uint16)
     equal = np.zeros(len(bits), np.int32)
     np.equal(bits[lag:], bits[:-lag], out=equal[lag:], casting="unsafe")

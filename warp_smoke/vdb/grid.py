@@ -1,4 +1,4 @@
-"""One grid of a `.vdb` file: dense values with their place in index space and in the world."""
+"""One grid of a `.vdb` file: dense values with their position in index space and in the world."""
 
 from dataclasses import KW_ONLY, dataclass
 
@@ -34,9 +34,9 @@ class Grid(Record):
         background: value of inactive voxels, a number or three.
         threshold: a voxel is inactive where each component is within this distance of the background.
         active: which voxels are active, bool [nx, ny, nz]; overrides the threshold.
-        half: store 16-bit floats. Values are rounded to the nearest one, and clamped to ±65504.
+        half: whether to store 16-bit floats; values are rounded to the nearest one and clamped to ±65504.
         grid_class: "fog volume", "staggered" (components live on voxel faces) or "unknown".
-        vector_type: how a vector grid follows a transform: "invariant", "contravariant relative" (velocities), …
+        vector_type: how vectors change under a transform: "invariant", "contravariant relative" (velocities), …
 
     Raises:
         FieldError: a field has a value that is not allowed.

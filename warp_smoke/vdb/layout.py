@@ -1,9 +1,9 @@
-"""What writer and reader of OpenVDB files share: file version 224 and the 5-4-3 tree.
+"""The file layout that the writer and the reader of OpenVDB files share: version 224 and the 5-4-3 tree.
 
 Source: K. Museth, "VDB: High-Resolution Sparse Volumes with Dynamic Topology", 2013, and the OpenVDB library's files.
 
-A root holds upper nodes of 32³ lower nodes of 16³ leaves of 8³ voxels. A child or voxel (x, y, z) of a node of n³ has
-the slot number (x n + y) n + z; a node's bit masks are little-endian in slots. Everything in the file is little-endian.
+A root holds upper nodes of 32³ lower nodes of 16³ leaves of 8³ voxels. Child or voxel (x, y, z) of a node of n³ has
+slot number (x n + y) n + z; a node's bit masks have slot 0 in the lowest bit. Everything in the file is little-endian.
 """
 
 import struct
@@ -27,16 +27,16 @@ SCALAR_TREE, VECTOR_TREE = "Tree_float_5_4_3", "Tree_vec3s_5_4_3"
 
 
 def slots(position: np.ndarray, size: int) -> np.ndarray:
-    """Slot numbers [n] of positions [n, 3] in a node of size³."""
+    """Returns the slot numbers [n] of positions [n, 3] in a node of size³."""
     return (position[:, 0] * size + position[:, 1]) * size + position[:, 2]
 
 
 def active_bounds(leaves: np.ndarray, masks: np.ndarray) -> tuple[list[int], list[int]]:
-    """Lowest and highest index of the active voxels along each axis.
+    """Returns the lowest and highest index of the active voxels along each axis.
 
     Args:
         leaves: positions of leaves in units of leaves, [n, 3], at least one.
-        masks: their active voxels, bool [n, 512], at least one in each leaf.
+        masks: active voxels of each leaf, bool [n, 512], at least one in each leaf.
     """
     lowest, highest = [], []
     for axis, along in enumerate(leaves.T):

@@ -1,8 +1,8 @@
 """Reads OpenVDB files (`layout`) back into dense grids.
 
-That is every file of `write`, and others as far as they hold scalar or vector grids of 32- or 16-bit floats, raw or
-zipped, placed by scale and translation; active tiles become voxels. Blosc, level sets, other types of grid and trees
-that grids share are refused. No byte of a file is trusted: whatever is wrong with it ends in a ValueError.
+It reads every file from `write`, and any other whose grids are scalars or vectors of 32- or 16-bit floats, raw or
+zipped, with a transform of scale and translation; active tiles become voxels. Blosc, other grid types and shared trees
+are refused. No byte of a file is trusted: anything wrong in it raises a ValueError.
 """
 
 import os
@@ -27,7 +27,7 @@ from warp_smoke.vdb.source import Source
 from warp_smoke.vdb.tree import Encoding, Tree, read_leaf, read_topology
 
 OLDEST_VERSION = 222  # the first with compression flags for each grid
-# Maps by the number of their double triples, and which of these is the scale.
+# For each map, its number of triples of doubles and which of them is the scale.
 MAPS = {
     "UniformScaleTranslateMap": (6, 1),
     "ScaleTranslateMap": (6, 1),
@@ -44,11 +44,11 @@ def read_vdb(path: str | os.PathLike, *, max_voxels: int = 512**3) -> dict[str, 
         max_voxels: most voxels that the dense box of a grid may have, in whole leaves.
 
     Returns:
-        Grids by name, in the order of the file. Each is dense over the bounding box of its active voxels. Its field
-        `active` tells which those are; the others in the box hold the background. Without any, its shape is (0, 0, 0).
+        Grids by name, in the order of the file. Each is dense over the bounding box of its active voxels, which its
+        field `active` marks; the other voxels hold the background. Without active voxels the shape is (0, 0, 0).
 
     Raises:
-        ValueError: the file is damaged, or has something in it that this reader does not support.
+        ValueError: the file is damaged, or contains something that this reader does not support.
         OSError: the file cannot be read.
     """
     source = Source(path)
@@ -63,7 +63,7 @@ def read_vdb(path: str | os.PathLike, *, max_voxels: int = 512**3) -> dict[str, 
 
 
 def read_grid_names(path: str | os.PathLike) -> tuple[str, ...]:
-    """Names of all grids in a `.vdb` file, of whatever type and compression, in the order of the file.
+    """Reads the names of all grids in a `.vdb` file, of any type and compression, in the order of the file.
 
     Raises:
         ValueError: the file is cut off or damaged, or too old to say where its grids end.
@@ -73,11 +73,11 @@ def read_grid_names(path: str | os.PathLike) -> tuple[str, ...]:
 
 
 def read_grid_bounds(path: str | os.PathLike) -> dict[str, np.ndarray | None]:
-    """Where the active voxels of each grid are, of whatever type and compression, by its name.
+    """Reads the bounds of the active voxels of each grid, of any type and compression, by grid name.
 
     Returns:
-        Lowest and highest corner of all of them in the file's space, [2, 3]; None where there are none, or where the
-        file does not say it or places its grid by more than scale and translation.
+        Lowest and highest corner of these voxels in the file's space, [2, 3]; None if there are none, if the file does
+        not give them, or if the grid's transform is more than scale and translation.
 
     Raises:
         ValueError: as for `read_grid_names`.
@@ -88,7 +88,7 @@ def read_grid_bounds(path: str | os.PathLike) -> dict[str, np.ndarray | None]:
 
 
 def _grids(source: Source) -> Iterator[tuple[str, int]]:
-    """Name and start of each grid."""
+    """Yields the name and start of each grid."""
     has_offsets, count = _read_header(source)
     if not has_offsets:
         raise source.error("does not say where its grids end; allowed: files with offsets")
@@ -119,7 +119,7 @@ def _read_bounds(source: Source, start: int) -> np.ndarray | None:
 
 
 def _read_header(source: Source) -> tuple[bool, int]:
-    """Whether grids say where they are, and how many there are."""
+    """Returns whether the file has grid offsets, and how many grids there are."""
     magic, version, _, _, has_offsets, _ = source.unpack(HEADER.format)
     if magic != MAGIC:
         raise source.error("not an OpenVDB file")
@@ -133,7 +133,7 @@ def _read_header(source: Source) -> tuple[bool, int]:
 
 
 def _read_name(source: Source) -> str:
-    """A grid's name; OpenVDB numbers grids of one name behind a record separator."""
+    """Reads a grid's name; OpenVDB numbers grids that share a name after a record separator."""
     return source.string().replace("\x1e", " #")
 
 
@@ -192,12 +192,12 @@ def _read_metadata(source: Source) -> dict[str, bytes]:
 
 
 def _token(value: bytes) -> str:
-    """Text of a metadata value, escaped where it cannot be printed."""
+    """Decodes a metadata value to text, with unprintable characters escaped."""
     return repr(value.decode("utf-8", "replace"))[1:-1]
 
 
 def _read_transform(source: Source) -> tuple[list[float], list[float]]:
-    """Voxel size and translation."""
+    """Reads voxel size and translation."""
     kind = source.string()
     if kind not in MAPS:
         raise source.error(f"transform is {kind!r}; allowed: {', '.join(MAPS)}")
@@ -209,7 +209,7 @@ def _read_transform(source: Source) -> tuple[list[float], list[float]]:
 def _dense(
     source: Source, tree: Tree, leaf_values: np.ndarray, max_voxels: int
 ) -> tuple[np.ndarray, np.ndarray, tuple[int, int, int]]:
-    """Values [nx, ny, nz, ...] and active voxels [nx, ny, nz] of the active bounding box, and its origin."""
+    """Returns values [nx, ny, nz, ...] and active voxels [nx, ny, nz] of the active bounding box, and its origin."""
     value_shape = tree.background.shape
     occupied = tree.masks.any(axis=1)
     leaves, masks = tree.leaves[occupied], tree.masks[occupied]

@@ -1,4 +1,4 @@
-"""A file's bytes with a place in them: the bottom layer of the reader."""
+"""A file's bytes with a read position: the bottom layer of the reader."""
 
 import os
 import struct
@@ -8,12 +8,12 @@ import numpy as np
 
 
 class Source:
-    """Bytes of a file and how far they have been read. Reading past the end is a ValueError with the file's name.
+    """Bytes of a file and a read position. Reading past the end raises a ValueError with the file's name.
 
     Attributes:
-        label: what errors begin with; the file's path at first.
+        label: prefix of error messages; at first the file's path.
         data: all bytes.
-        position: how many have been read.
+        position: number of bytes read.
     """
 
     def __init__(self, path: str | os.PathLike):
@@ -22,11 +22,11 @@ class Source:
         self.position = 0
 
     def error(self, text: str) -> ValueError:
-        """An error about the file."""
+        """Makes an error about the file, to be raised by the caller."""
         return ValueError(f"{self.label}: {text}")
 
     def take(self, size: int) -> memoryview:
-        """The next bytes."""
+        """Reads the next bytes."""
         left = len(self.data) - self.position
         if size > left:
             raise self.error(f"damaged: needs {size} bytes at {self.position}, {left} are left")
@@ -34,19 +34,19 @@ class Source:
         return self.data[self.position - size : self.position]
 
     def unpack(self, layout: str) -> tuple:
-        """The next numbers, by a layout of the `struct` module."""
+        """Reads the next numbers, in a layout of the `struct` module."""
         return struct.unpack(layout, self.take(struct.calcsize(layout)))
 
     def array(self, dtype: str, count: int) -> np.ndarray:
-        """The next numbers of one type, [count]."""
+        """Reads the next numbers of one type, [count]."""
         return np.frombuffer(self.take(count * np.dtype(dtype).itemsize), dtype)
 
     def bits(self, count: int) -> np.ndarray:
-        """The next bits, lowest first, bool [count]; count is a multiple of 8."""
+        """Reads the next bits, lowest first, bool [count]; count is a multiple of 8."""
         return np.unpackbits(self.array("u1", count // 8), bitorder="little").view(bool)
 
     def string(self) -> str:
-        """The next string: its length, then UTF-8."""
+        """Reads the next string: its length, then UTF-8."""
         (size,) = self.unpack("<I")
         try:
             return str(self.take(size), "utf-8")

@@ -1,4 +1,4 @@
-"""Reads the tree of a grid (`layout`): nodes, masks, active tiles and the values of leaves."""
+"""Reads the tree of a grid (`layout`): nodes, masks, active tiles and leaf values."""
 
 import zlib
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from warp_smoke.vdb.source import Source
 
 @dataclass(frozen=True)
 class Encoding:
-    """How a grid's values are stored: compression flags, as halves or not, () for scalars or (3,) for vectors."""
+    """How a grid's values are stored: compression flags, whether as halves, shape () of scalars or (3,) of vectors."""
 
     flags: int
     half: bool
@@ -20,27 +20,27 @@ class Encoding:
 
     @property
     def components(self) -> int:
-        """Numbers in a value."""
+        """Number of components of a value."""
         return prod(self.shape)
 
     @property
     def value_size(self) -> int:
-        """Bytes of a value."""
+        """Size of a value [bytes]."""
         return (2 if self.half else 4) * self.components
 
     def decode(self, data: bytes) -> np.ndarray:
-        """Values [m, ...], float32."""
+        """Decodes values to float32, [m, ...]."""
         with np.errstate(invalid="ignore"):  # a NaN is found later
             return np.frombuffer(data, "<f2" if self.half else "<f4").astype(np.float32).reshape(-1, *self.shape)
 
     def full_value(self, source: Source) -> np.ndarray:
-        """The next value, which is of 32 bits in grids of halves, too."""
+        """Reads a value stored at 32 bits, even in grids of halves."""
         return source.array("<f4", self.components).reshape(self.shape)
 
 
 @dataclass(frozen=True)
 class Tiles:
-    """Active tiles of one size: lowest voxels [n, 3], voxels along an axis, values [n, ...]."""
+    """Active tiles of one size: lowest voxel of each [n, 3], voxels along an axis, values [n, ...]."""
 
     lowest: np.ndarray
     span: int
@@ -49,7 +49,7 @@ class Tiles:
 
 @dataclass(frozen=True)
 class Tree:
-    """A tree but for the values of its leaves.
+    """A tree without the values of its leaves.
 
     Attributes:
         background: value of inactive voxels, [] or [3].
@@ -101,7 +101,7 @@ def _read_root_origin(source: Source, seen: set[tuple[int, int, int]]) -> np.nda
 def _read_node(
     source: Source, encoding: Encoding, origin: np.ndarray, size: int, span: int
 ) -> tuple[np.ndarray, Tiles]:
-    """Lowest voxels [n, 3] of the children of an inner node of size³ children of span³ voxels; its active tiles."""
+    """Reads an inner node of size³ children of span³ voxels: its children's lowest voxels [n, 3] and active tiles."""
     children, active = source.bits(size**3), source.bits(size**3)
     if np.any(children & active):
         raise source.error(f"damaged: node at {origin.tolist()} has a tile where it has a child")
@@ -114,17 +114,17 @@ def _read_node(
 
 
 def read_leaf(source: Source, encoding: Encoding, mask: np.ndarray) -> bytes:
-    """Bytes of a leaf's active values."""
+    """Reads the bytes of a leaf's active values."""
     if not np.array_equal(source.bits(LEAF_VOXELS), mask):
         raise source.error(f"damaged: the two masks of a leaf before byte {source.position} differ")
     return _read_values(source, encoding, mask)
 
 
 def _read_values(source: Source, encoding: Encoding, active: np.ndarray) -> bytes:
-    """Bytes of a node's active values; inactive ones are passed over.
+    """Reads the bytes of a node's active values and skips inactive ones.
 
-    A byte tells what comes before the values: nothing (0, 1, 6), one (2, 4) or two (5) inactive values, and a mask that
-    selects between two (3, 4, 5). With 6, or without mask compression, the values of all slots follow.
+    The first byte tells what precedes the values: nothing (0, 1, 6), one (2, 4) or two (5) inactive values, and a mask
+    that selects between two (3, 4, 5). With 6, or without mask compression, the values of all slots follow.
     """
     (kind,) = source.take(1)
     if kind > 6:
@@ -139,7 +139,7 @@ def _read_values(source: Source, encoding: Encoding, active: np.ndarray) -> byte
 
 
 def _read_data(source: Source, encoding: Encoding, count: int) -> bytes:
-    """Bytes of some values, inflated."""
+    """Reads the bytes of `count` values, inflated."""
     size = count * encoding.value_size
     if not encoding.flags & ZIP or (encoding.half and not count):
         return source.take(size)

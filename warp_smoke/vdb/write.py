@@ -1,7 +1,7 @@
 """Writes OpenVDB files (`layout`): dense grids in, sparse trees of leaves out.
 
-Inactive voxels are not stored (active mask compression); the active values of a leaf are deflated, or raw where that
-does not pay. No active tiles are made: every active voxel lies in a leaf.
+Inactive voxels are not stored (active mask compression); the active values of a leaf are deflated if that pays, else
+raw. No active tiles are made: every active voxel lies in a leaf.
 """
 
 import os
@@ -49,12 +49,12 @@ LEAVES_PER_TASK = (256, 1024)  # fewer are not worth a thread's start, more do n
 def write_vdb(path: str | os.PathLike, grids: Iterable[Grid], *, compression: str = "zip", threads: int = 1) -> int:
     """Writes grids to a `.vdb` file, all or nothing.
 
-    The file appears under its name only when it is complete; an error leaves what was there before. Equal grids give
-    equal bytes, with any number of threads.
+    The file appears under its name only when it is complete; an error leaves a previous file as it was. Equal grids
+    give equal bytes, with any number of threads.
 
     Args:
         path: the file; its folder must exist.
-        grids: grids with different names, in the order of the file.
+        grids: grids with different names, in the order to write them.
         compression: "zip" or "none".
         threads: threads that gather and deflate leaves.
 
@@ -92,9 +92,9 @@ class _Leaves:
     """The leaves of a grid that have active voxels, in the order of the file.
 
     Attributes:
-        position: in units of leaves, [n, 3].
+        position: position of each leaf in units of leaves, [n, 3].
         masks: active voxels, bool [n, 512].
-        index: place of each leaf in `blocks`, [3, n].
+        index: index of each leaf in `blocks`, [3, n].
         blocks: the grid's values, [bx, 8, by, 8, bz, 8] or [bx, 8, by, 8, bz, 8, 3].
     """
 
@@ -104,17 +104,17 @@ class _Leaves:
     blocks: np.ndarray
 
     def active_values(self, chosen: slice) -> np.ndarray:
-        """Active values of some leaves, one leaf after the other, [m] or [m, 3]."""
+        """Returns the active values of some leaves, one leaf after the other, [m] or [m, 3]."""
         i, j, k = self.index[:, chosen]
         values = self.blocks[i, :, j, :, k]
         return values.reshape(-1, *values.shape[4:]).compress(self.masks[chosen].ravel(), axis=0)
 
 
 def _active_leaves(grid: Grid) -> _Leaves:
-    # Layer by layer of leaves, so that the work fits into the cache; at least one layer, if it is empty.
+    # One layer of leaves at a time, so that the work fits into the cache; at least one layer, even if empty.
     start = -(grid.origin[0] % LEAF)
     layers = [slice(max(i, 0), i + LEAF) for i in range(start, max(grid.shape[0], 1), LEAF)]
-    # Memory that is new for each layer would cost more than the comparisons.
+    # Allocating this for each layer would cost more than the comparisons.
     room = np.empty((LEAF, *grid.values.shape[1:]), bool) if grid.active is None else None
     found = [_leaves_in_layer(grid, layer, room) for layer in layers]
     position, masks = (np.concatenate(parts) for parts in zip(*found, strict=True))
@@ -126,7 +126,7 @@ def _active_leaves(grid: Grid) -> _Leaves:
 
 
 def _leaves_in_layer(grid: Grid, layer: slice, room: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Positions [n, 3] and masks [n, 512] of the leaves with active voxels in a layer of leaves along i."""
+    """Returns positions [n, 3] and masks [n, 512] of the leaves with active voxels in a layer of leaves along i."""
     origin = (grid.origin[0] + layer.start, *grid.origin[1:])
     blocks = _in_blocks(grid.active[layer] if room is None else _outside(grid, layer, room), origin)
     words = blocks.reshape(*blocks.shape[:5], prod(blocks.shape[5:])).view(np.uint64)  # eight flags each
@@ -137,15 +137,15 @@ def _leaves_in_layer(grid: Grid, layer: slice, room: np.ndarray | None) -> tuple
 
 
 def _outside(grid: Grid, layer: slice, room: np.ndarray) -> np.ndarray:
-    """Which numbers of a layer are not within the threshold of the background; those that are not finite never are.
+    """Finds the numbers of a layer that differ from the background by more than the threshold; NaN always does.
 
     Args:
         grid: the grid.
         layer: rows of its values along i, at most eight.
-        room: where the answer goes, [8, ny, nz] or [8, ny, nz, 3].
+        room: storage for the result, [8, ny, nz] or [8, ny, nz, 3].
 
     Returns:
-        The part of the room for these rows.
+        The result: the part of `room` for these rows.
     """
     # Rows along k with all their components, so that numpy's inner loops are long.
     values, room = grid.values[layer], room[: len(grid.values[layer])]
@@ -161,7 +161,7 @@ def _outside(grid: Grid, layer: slice, room: np.ndarray) -> np.ndarray:
 
 
 def _in_blocks(dense: np.ndarray, origin: tuple[int, int, int]) -> np.ndarray:
-    """Dense [nx, ny, nz, ...] as blocks [bx, 8, by, 8, bz, 8, ...] of leaves, padded with zeros to whole leaves."""
+    """Splits an array [nx, ny, nz, ...] into leaves [bx, 8, by, 8, bz, 8, ...], zero-padded to whole leaves."""
     before = [first % LEAF for first in origin]
     after = [-(first + size) % LEAF for first, size in zip(origin, dense.shape[:3], strict=True)]
     if any(before + after):
@@ -172,7 +172,7 @@ def _in_blocks(dense: np.ndarray, origin: tuple[int, int, int]) -> np.ndarray:
 
 
 def _grid_record(grid: Grid, position: int, zipped: bool, pool: ThreadPoolExecutor, threads: int) -> list[bytes]:
-    """The bytes of a grid that starts at a position in the file, in pieces."""
+    """Returns the bytes of a grid that starts at a position in the file, in pieces."""
     leaves = _active_leaves(grid)
     count = len(leaves.position)
     fewest, most = LEAVES_PER_TASK
@@ -229,12 +229,12 @@ def _transform(grid: Grid) -> bytes:
 
 
 def _topology(grid: Grid, leaves: _Leaves, zipped: bool) -> Iterator[bytes]:
-    """The root, its upper nodes, their lower nodes and the leaves' masks; depth first."""
+    """Yields the root, its upper nodes, their lower nodes and the leaves' masks, depth first."""
     background = np.asarray(grid.background, np.float32)
     if grid.half:
         background = _to_half(background).astype(np.float32)
-    # A node without tiles: no inactive values to restore, then an empty value array, which has a length of its own only
-    # when it is zipped and not half.
+    # A node without tiles: no inactive values to restore, then an empty value array, which is preceded by a length
+    # only if zipped and not half.
     no_values = b"\0" + (bytes(8) if zipped and not grid.half else b"")
     leaf_masks = np.packbits(leaves.masks, axis=1, bitorder="little")
     roots = list(_runs(leaves.position // (UPPER * LOWER)))
@@ -250,25 +250,25 @@ def _topology(grid: Grid, leaves: _Leaves, zipped: bool) -> Iterator[bytes]:
 
 
 def _runs(keys: np.ndarray) -> Iterator[slice]:
-    """Slices of equal consecutive rows of keys [n, m]."""
+    """Yields slices of equal consecutive rows of keys [n, m]."""
     if len(keys):
         changes = np.any(keys[1:] != keys[:-1], axis=1).nonzero()[0] + 1
         yield from (slice(*ends) for ends in pairwise((0, *changes.tolist(), len(keys))))
 
 
 def _node_masks(children: np.ndarray, size: int) -> bytes:
-    """Child mask with bits at some slots, then a value mask without any."""
+    """Returns a child mask with these slots set, then an empty value mask."""
     bits = np.zeros(size**3, bool)
     bits[children] = True
     return np.packbits(bits, bitorder="little").tobytes() + bytes(size**3 // 8)
 
 
 def _leaf_buffers(grid: Grid, leaves: _Leaves, zipped: bool, chosen: slice) -> bytes:
-    """Buffers of some leaves: mask, a zero byte, then the active values with (zipped) or without their length."""
+    """Returns the buffers of some leaves: mask, zero byte, then active values, with their length first if zipped."""
     values = leaves.active_values(chosen)
     with np.errstate(over="ignore", invalid="ignore"):
         total = values.sum()
-    if not np.isfinite(total):  # finite values can have an infinite sum, others never a finite one
+    if not np.isfinite(total):  # finite values can overflow the sum, but others never have a finite one
         _check_finite(grid, leaves, chosen)
     values = _to_half(values) if grid.half else values.astype("<f4", copy=False)
     masks = leaves.masks[chosen]
