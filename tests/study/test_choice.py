@@ -94,7 +94,7 @@ def test_says_what_the_neighbours_cost(folder):
     _, chosen = choose(SCENE, folder=folder, budget=15.0)
     assert str(chosen).startswith("Budget of 15 ms a frame sets /World/Smoke resolution 12, advection maccormack. ")
     assert "Faster is semi_lagrangian at 8: 2 ms a frame, density off the finest run by 50 %" in str(chosen)
-    assert "Nearer is bfecc at 16: 20 ms a frame, density off the finest run by 10 %" in str(chosen)
+    assert "More accurate is bfecc at 16: 20 ms a frame, density off the finest run by 10 %" in str(chosen)
 
 
 @pytest.mark.parametrize(

@@ -24,21 +24,21 @@ def study(
 ) -> "Study":
     """Measures error against time, and writes tables, diagrams and a web page.
 
-    A study that was interrupted, and is started again with the same folder, goes on.
+    An interrupted study resumes when it is started again with the same folder.
 
     Args:
-        scene: studied at several settings against its finest; a scene or the file of a stage.
+        scene: a scene or a stage file, studied at several settings against its finest.
         folder: for the results; `out/study`, or `out/NAME.study` for a stage, unless given.
         suites: names of the suites on known answers, `scene`, or `all`; None = all of them, or the scene if there is
             one.
         full: whether to measure everything; else each suite takes less than two minutes on two cores.
         device: `cpu`, `cuda` or `cuda:N`.
         threads: CPU threads; all unless given.
-        on_row: called with each row, its number and the number of all rows.
+        on_row: called with each row, its number and the total number of rows.
 
     Raises:
-        ValueError: there is no such suite, the stage has nothing to study, or the folder has results of another
-            machine, version or stage; nothing is overwritten.
+        ValueError: there is no such suite, the stage has nothing to study, or the folder holds results from
+            another machine, version or stage; nothing is overwritten.
         OSError: the folder cannot be written.
     """
     from warp_smoke.study.conduct import chosen_suites, conduct, study_folder

@@ -1,6 +1,6 @@
-"""Advection: smoke carried around and back to where it began, so that the start is the exact answer.
+"""Advection: smoke is carried around and back to where it began, so that the initial state is the exact answer.
 
-A cosine hill is turned once in a plane, and a ball of smoke is torn in space and brought back (R. J. LeVeque, 1996).
+A cosine hill is rotated once in a plane, and a ball of smoke is deformed and restored (R. J. LeVeque, 1996).
 """
 
 from collections.abc import Callable, Sequence
@@ -28,21 +28,21 @@ HILL, TORN, STEPS = "hill, turned once", "ball, torn and brought back", "hill, b
 TRACE = "hill, by trace (cubic)"
 UNLIMITED = {f"{name}, unlimited": scheme for name, scheme in UNLIMITED_SCHEMES.items()}
 Scheme = Callable[[Launcher, tuple[int, int, int], tuple[str, ...]], SemiLagrangian]
-# Smoke is carried this many cells in a step, at most.
+# The most cells that smoke is carried in a step.
 _COURANT = 1.0
 _SWEPT = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 _TRACED = (1.0, 2.0, 4.0, 8.0, 16.0)
-# Cells across the hill's plane, which is all alike; two, so that two threads share the work.
+# Cells across the hill's plane, along which nothing varies; two, so that two threads share the work.
 _THICKNESS = 2
 _RADIUS = 0.25
-# The time in which the ball is torn and brought back [s]; the fastest smoke has 2 m/s.
+# The time in which the ball is deformed and restored [s], and the largest speed [m/s].
 _PERIOD, _FASTEST = 1.5, 2.0
 _BALL = (0.35, 0.35, 0.35)
 
-# Less than the orders of smooth smoke, 1 and 2: the curvature of the hill jumps at its foot, which leaves 5/3 of a
-# second order (P. Brenner, V. Thomée, L. B. Wahlbin, 1975); limits cost MacCormack more at the hill's top, unlimited
-# BFECC adds to what is at the border, which the hill touches, and the first-order scheme has smeared the hill so much
-# that its error has hardly room to grow.
+# Below the orders for smooth fields, 1 and 2: the curvature of the hill jumps at its foot, which lowers second order
+# to 5/3 (P. Brenner, V. Thomée, L. B. Wahlbin, 1975); limiters cost MacCormack more at the hill's top, unlimited
+# BFECC amplifies values at the border, which the hill touches, and the first-order scheme smears the hill so much
+# that its error has little room to grow.
 _LEAST_ORDER = {
     "semi_lagrangian": 0.4,
     "semi_lagrangian_cubic": 1.65,
@@ -52,12 +52,12 @@ _LEAST_ORDER = {
     "maccormack, unlimited": 1.65,
     "bfecc, unlimited": 1.5,
 }
-# What float32 may add to the range of a start between 0 and 1.
+# How far float32 rounding may exceed the initial range, 0 to 1.
 _ROUND_OFF = 1e-6
 
 
 def cases(full: bool) -> list[Case]:
-    """Every scheme on each problem, with and without limits; lengths of step, and traces."""
+    """Returns every scheme on each problem, with and without limiters, and sweeps over step lengths and traces."""
     planes, cubes = ((32, 64, 128, 256), (32, 64, 128)) if full else ((32, 64, 128), (32, 48, 64))
     swept = 128 if full else 64
     made = []
@@ -73,14 +73,14 @@ def cases(full: bool) -> list[Case]:
 
 
 def turning_case(problem: str, method: str, scheme: Scheme, n: int, courant: float) -> Case:
-    """The cosine hill at (½, ¾) of a unit square of n × n cells, turned once about the middle.
+    """Rotates a cosine hill at (½, ¾) in a unit square of n × n cells once about the middle.
 
     Args:
         problem: name of the problem.
         method: name of the scheme.
-        scheme: makes it.
+        scheme: creates it.
         n: cells along the square's side.
-        courant: cells that the middle of a side is carried in a step.
+        courant: cells that the flow moves in a step at the middle of a side.
     """
     steps = round(np.pi * n / courant)
 
@@ -96,7 +96,7 @@ def turning_case(problem: str, method: str, scheme: Scheme, n: int, courant: flo
 
 
 def _torn_case(method: str, scheme: Scheme, n: int) -> Case:
-    """A round cosine hill in a unit cube of n³ cells that LeVeque's flow tears and brings back."""
+    """Deforms a spherical cosine hill in a unit cube of n³ cells by LeVeque's flow, which then restores it."""
     steps = round(_PERIOD * _FASTEST * n / _COURANT)
     dt = _PERIOD / steps
 
@@ -111,7 +111,7 @@ def _torn_case(method: str, scheme: Scheme, n: int) -> Case:
 
 
 def _sample_velocity(launcher: Launcher, shape: tuple[int, int, int], flow: Callable) -> tuple[wp.array, ...]:
-    """u, v and w of a flow on the faces of a box whose longest side is 1."""
+    """Samples u, v and w of a flow on the faces of a box whose longest side is 1."""
     components = []
     for axis in range(3):
         points = np.indices(face_shape(shape, axis)) + 0.5
@@ -130,16 +130,16 @@ def _carry(
     lengths: list[float],
     repeats: int,
 ) -> Measured:
-    """Carries a density along a flow that ends where it began.
+    """Advects a density by a flow that returns it to where it began.
 
     Args:
         launcher: where it runs.
-        scheme: makes the scheme.
-        start: the density.
+        scheme: creates the scheme.
+        start: the initial density.
         sides: open or closed for each of -x +x -y +y -z +z.
         velocity: u, v, w [m/s].
         lengths: dt / h of each step [s/m].
-        repeats: times that are taken.
+        repeats: number of timings.
     """
     advection = scheme(launcher, start.shape, sides)
     density = launcher.array(start, "density")
@@ -156,7 +156,7 @@ def _carry(
 
 
 def density_errors(found: np.ndarray, exact: np.ndarray) -> dict[str, float]:
-    """Norms of the difference, each of a cell's mean but for linf; drift of the mass, and the range that is left."""
+    """Returns norms of the difference (l1 and l2 as means over cells), the mass drift, and the range of `found`."""
     found, exact = found.astype(float), exact.astype(float)
     difference = found - exact
     return {
@@ -171,12 +171,12 @@ def density_errors(found: np.ndarray, exact: np.ndarray) -> dict[str, float]:
 
 
 def order(rows: Sequence[Row]) -> dict[tuple[str, str], float]:
-    """Slopes of the error over the cells' size."""
+    """Returns the slope of log error over log cell size for each problem and method."""
     return fit_orders([row for row in rows if row.problem in (HILL, TORN)], MAIN_ERROR)
 
 
 def unexpected(rows: Sequence[Row]) -> list[str]:
-    """Schemes that do not reach their order on the hill, or that leave the range of the start."""
+    """Returns a line for each scheme that misses its order on the hill or leaves the initial range."""
     lines = []
     for (problem, method), slope in order(rows).items():
         if problem == HILL and slope < _LEAST_ORDER[method]:
@@ -191,7 +191,7 @@ def unexpected(rows: Sequence[Row]) -> list[str]:
 
 
 def explain(rows: Sequence[Row]) -> str:
-    """How to read the diagram, and which scheme reaches an error first."""
+    """Explains how to read the diagram, and which scheme reaches a given error first."""
     read = (
         "Each line is a scheme on finer and finer grids, or with longer and longer steps in the panel that says so: "
         "the lower and the further left, the better."

@@ -1,4 +1,4 @@
-"""Known answers that the study and the tests compare with: what is carried, and how air flows."""
+"""Known answers that the study and the tests compare with: advected shapes and flows."""
 
 import numpy as np
 
@@ -45,7 +45,7 @@ GHIA_V = {
 
 
 def taylor_green(x: np.ndarray, y: np.ndarray, viscosity: float, time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity (u, v) of a vortex in the unit square with sides that slip; an exact solution of Navier–Stokes.
+    """Returns the velocity (u, v) of a vortex in a unit square with free-slip sides, an exact Navier–Stokes solution.
 
     G. I. Taylor, A. E. Green, *Mechanism of the Production of Small Eddies from Large Ones*, 1937.
     """
@@ -54,12 +54,12 @@ def taylor_green(x: np.ndarray, y: np.ndarray, viscosity: float, time: float) ->
 
 
 def cosine_hill(distance: np.ndarray, radius: float) -> np.ndarray:
-    """½ (1 + cos πr/r₀) within the radius r₀ of its top, 0 elsewhere; its slope has no jump."""
+    """Returns ½ (1 + cos πr/r₀) within the radius r₀ of its top, 0 elsewhere; its slope is continuous."""
     return np.where(distance < radius, 0.5 + 0.5 * np.cos(np.pi * distance / radius), 0.0)
 
 
 def deformation(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Velocity that tears the unit cube's smoke into sheets; times cos πt/T it has brought all back at time T.
+    """Returns a velocity that tears the unit cube's smoke into sheets; times cos πt/T, it undoes that by time T.
 
     R. J. LeVeque, *High-Resolution Conservative Algorithms for Advection in Incompressible Flow*, 1996, section 9.
     """

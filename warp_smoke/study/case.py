@@ -1,7 +1,7 @@
-"""What the study measures: cases, what a run of one gives, the rows that come of it, and what a suite offers.
+"""What the study measures: cases, the measurement and the row that each yields, and the interface of a suite.
 
 A work–precision diagram shows error against time, one line for each method (E. Hairer, S. P. Nørsett, G. Wanner,
-*Solving Ordinary Differential Equations I*, 1993, section II.10). Each case is one point of it.
+*Solving Ordinary Differential Equations I*, 1993, section II.10). Each case is one point of the diagram.
 """
 
 import json
@@ -14,21 +14,21 @@ import numpy as np
 
 from warp_smoke.launch import Launcher
 
-# Each row's time is the median of so many repeats, or of more.
+# Each row's time is the median of at least this many repeats.
 REPEATS = 5
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What one case gives.
+    """The measurement of one case.
 
     Attributes:
         errors: by name of the norm (`l1`, `l2`, `linf`, `relative_l2`) or measure (`misclassified_area`, `iterations`).
-        seconds: of each repeat, without compilation and the first, which warms up [s].
+        seconds: time of each repeat, without compilation and the warm-up run [s].
         cells: cells, texels or rays that one step works on, or None.
-        steps: that one repeat takes.
-        parts: of one run, that each of `seconds` is of, scaled to the whole; 1 where the whole is repeated.
-        passes: time of each pass in a frame, by name, where that is known [s].
+        steps: number of steps in one repeat.
+        parts: number of parts of one run, each timed and scaled up to the full run; 1 where the full run is repeated.
+        passes: time of each pass in a frame, by name, where known [s].
     """
 
     errors: Mapping[str, float]
@@ -46,8 +46,8 @@ class Case:
     Attributes:
         suite: name of the suite.
         problem: what is computed; each problem has its own panel.
-        method: how; each method has its own line.
-        parameters: what else was chosen, by name. What differs along a line is written beside its points.
+        method: how it is computed; each method has its own line.
+        parameters: other choices, by name. Those that differ along a line are written beside its points.
         resolution: cells, texels or rays along one side.
         dt: time step [s], or None where nothing moves.
         measure: builds the arrays, runs, compares; takes the launcher and the number of repeats.
@@ -65,7 +65,7 @@ class Case:
 
     @property
     def key(self) -> str:
-        """What tells this case from all others, in this run and in later ones."""
+        """Identifies this case among all others, in this run and in later ones."""
         chosen = json.dumps(dict(sorted(self.parameters.items())))
         key = f"{self.suite}/{self.problem}/{self.method}/{chosen}/{self.resolution}/{self.dt}"
         return key if self.reference is None else f"{key}/{self.reference}"
@@ -77,14 +77,14 @@ class Row:
 
     Attributes:
         suite, problem, method, parameters, resolution, dt, key, reference: the case's.
-        errors: by name; those that are finite.
+        errors: finite errors, by name.
         median, quartile_low, quartile_high: of the repeats' times [s]; None if the case raised an error.
-        repeats: how many there were.
+        repeats: number of repeats.
         set_up: time of building, compiling and warming up [s].
-        ns_per_cell: median for each cell and step [ns]; None if nothing is counted.
-        copy_share: time to copy one float, over the time for one cell: the rate as a share of the copy bandwidth.
-        failure: why the row is no result, or None.
-        passes: time of each pass in a frame, by name, where that is known [s].
+        ns_per_cell: median time per cell and step [ns]; None if cells are not counted.
+        copy_share: time to copy one float, over the time per cell: the rate as a share of the copy bandwidth.
+        failure: why the row is not a valid result, or None.
+        passes: time of each pass in a frame, by name, where known [s].
     """
 
     suite: str
@@ -108,23 +108,23 @@ class Row:
 
     @property
     def labels(self) -> dict[str, str]:
-        """What was chosen, in words, by name: the resolution, the parameters and the step."""
+        """The choices in words, by name: resolution, parameters and time step."""
         chosen = {"resolution": f"{self.resolution}"}
         chosen |= {name: value if isinstance(value, str) else f"{value:g}" for name, value in self.parameters.items()}
         return chosen | ({} if self.dt is None else {"dt": f"{self.dt:.3g} s"})
 
 
 class Suite(Protocol):
-    """What a suite's module offers.
+    """The interface of a suite's module.
 
     Attributes:
         TITLE: heading of its diagram.
         MAIN_ERROR: the error on its y axis.
-        ERROR_MEANS: that axis' label: the error in words, with its unit.
+        ERROR_MEANS: label of that axis: the error in words, with its unit.
 
     A suite whose panels show different errors names them in `PANEL_ERRORS: Mapping[str, tuple[str, str]]`: error and
-    label by problem. One whose times are not of a whole run has their label in `TIME_MEANS: str`. Problems in
-    `TABLES: Mapping[str, str]` have tables instead of a panel; their first row is what the words beside say.
+    label by problem. A suite whose times are not those of a full run labels them in `TIME_MEANS: str`. Problems in
+    `TABLES: Mapping[str, str]` get a table instead of a panel; the value describes the table's first row.
     """
 
     TITLE: str
@@ -132,20 +132,20 @@ class Suite(Protocol):
     ERROR_MEANS: str
 
     def cases(self, full: bool) -> list[Case]:
-        """What is measured: the whole suite in under two minutes on two cores, or everything."""
+        """Returns the cases: a selection that takes under two minutes on two cores, or (`full`) all of them."""
 
     def explain(self, rows: Sequence[Row]) -> str:
-        """Two sentences computed from the rows without failures: how to read the diagram, and what it says here."""
+        """Returns two sentences on the rows without failures: how to read the diagram, and what it shows here."""
 
     def order(self, rows: Sequence[Row]) -> Mapping[tuple[str, str], float]:
-        """Fitted orders by problem and method, where orders are known; may be empty."""
+        """Returns fitted orders by problem and method, where orders are known; may be empty."""
 
     def unexpected(self, rows: Sequence[Row]) -> list[str]:
-        """One line for each known answer that the rows do not give; empty if all is as it should be."""
+        """Returns one line for each known answer that the rows miss; empty if there is none."""
 
 
 def time_repeats(launcher: Launcher, action: Callable[[], object], repeats: int) -> tuple[float, ...]:
-    """Seconds of each call of an action, after one call that warms up and is not counted."""
+    """Returns the seconds that each call of an action takes, after one uncounted warm-up call."""
     action()
     launcher.synchronize()
     seconds = []
@@ -158,13 +158,13 @@ def time_repeats(launcher: Launcher, action: Callable[[], object], repeats: int)
 
 
 def time_steps(launcher: Launcher, step: Callable[[int], object], steps: int, repeats: int) -> tuple[float, ...]:
-    """Seconds of a run of equal steps, one sample for each of `repeats` equal parts of it: the part's, times the parts.
+    """Runs equal steps in `repeats` parts of equal length; returns each part's seconds, scaled up to the full run.
 
     Args:
         launcher: where it runs.
-        step: takes the number of the step; everything is compiled and has run before.
-        steps: of the whole run, at least `repeats`.
-        repeats: parts.
+        step: takes the number of the step; it is compiled and warmed up already.
+        steps: number in the full run, at least `repeats`.
+        repeats: number of parts.
     """
     seconds, done = [], 0
     for part in range(repeats):
@@ -184,7 +184,10 @@ def panel_error(suite: Suite, problem: str) -> tuple[str, str]:
 
 
 def fit_orders(rows: Sequence[Row], error: str) -> dict[tuple[str, str], float]:
-    """Slope of log error over log cell size by problem and method, where there are three resolutions or more."""
+    """Returns the slope of log error over log cell size by problem and method, for lines of three or more resolutions.
+
+    Lines with a resolution that occurs twice, or with an error of 0, are left out.
+    """
     lines: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         if row.failure is None:

@@ -1,10 +1,10 @@
-"""Chooses settings for a scene from how exact and how fast they were measured to be on it.
+"""Chooses settings for a scene by their error and time as measured on it.
 
-The measurements are those of `warp-smoke study STAGE`. Of a scene with smoke they are its advection schemes at several
-resolutions, and the error is the relative L2 difference of the density from the finest run, on the cells of the
-coarser, at the last of the frames studied. Of a scene without smoke they are its shadow filters at several map sizes,
-and the error is the root mean square difference of the baked pictures (1 = black to white) from shadows by rays to all
-of each light. Times are the median of a frame's.
+The measurements are those of `warp-smoke study STAGE`. For a scene with smoke they cover the advection schemes at
+several resolutions, and the error is the relative L2 difference of the density from the finest run, on the cells of
+the coarser run, at the last frame studied. For a scene without smoke they cover the shadow filters at several map
+sizes, and the error is the root mean square difference of the baked pictures (1 = black to white) from shadows traced
+with rays to the full area of each light. Times are medians per frame.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ from warp_smoke.study.settings import with_smoke, with_surface_shadows
 from warp_smoke.study.store import RESULTS, Store, read_results
 from warp_smoke.study.words import duration, percent
 
-# The error of each problem that settings are chosen from: its name in the rows, and in words.
+# The error by which each problem's settings are chosen: its name in the rows, and in words.
 _ERRORS = {SMOKE: ("density", "density off the finest run by"), SURFACE_SHADOWS: ("shadows", "baked light off by")}
 
 
@@ -38,26 +38,26 @@ def choose(
     folder: Path | None = None,
     on_row: Callable[[Row, int, int], None] | None = None,
 ) -> tuple[Scene, Chosen]:
-    """Chooses the fastest settings within an error, or the most exact ones within a time.
+    """Chooses the fastest settings within an error limit, or the most accurate ones within a time limit.
 
-    Resolution and scheme (filter and map size where there is no smoke) are chosen, a scheme that the stage sets is
-    kept. What `warp-smoke study` has stored is used if it is of this scene, device and version; otherwise the settings
-    are measured first, and stored where nothing else is.
+    Resolution and scheme (filter and map size where there is no smoke) are chosen; a scheme that the stage sets is
+    kept. Results stored by `warp-smoke study` are used if they belong to this scene, device and version; otherwise the
+    settings are measured first, and stored unless the folder holds other results.
 
     Args:
         scene: what will run.
         max_error: the largest error.
-        budget: the longest median time of a frame [ms]; give one of the two.
+        budget: the longest median time of a frame [ms]; give either this or `max_error`.
         device: `cpu`, `cuda` or `cuda:N`.
         threads: CPU threads; all unless given.
         folder: of the study; that of `warp-smoke study STAGE` unless given.
         on_row: called with each row measured, its number and their count.
 
     Returns:
-        The scene with these settings, and what was chosen, and why.
+        The scene with the chosen settings, and the choice with its reason.
 
     Raises:
-        FieldError: no setting is as exact, or as fast; the line says which comes nearest.
+        FieldError: no setting is accurate or fast enough; the message says which comes closest.
         ValueError: there is neither smoke nor a shadow to choose settings for.
     """
     name, limit = ("budget", budget) if max_error is None else ("max_error", max_error)
@@ -76,7 +76,7 @@ def choose(
 def _measurements(
     scene: Scene, device: str, threads: int | None, folder: Path, on_row: Callable[[Row, int, int], None] | None
 ) -> tuple[list[Row], str]:
-    """The rows that settings are chosen from, and where they are from."""
+    """Returns the rows to choose from, and where they come from in words."""
     launcher = Launcher(device, threads)
     disclosure, file = disclose_study(launcher, scene), folder / RESULTS
     cases = SceneStudy(scene).cases(full=False)
@@ -108,7 +108,7 @@ def _is_open(scene: Scene, problem: str, row: Row) -> bool:
 
 
 def _pick(front: Sequence[Row], problem: str, name: str, limit: float) -> Row:
-    """The row that is chosen from a front, fastest first."""
+    """Chooses a row from a front, which is ordered fastest first."""
     error, words = _ERRORS[problem]
     if not front:
         raise FieldError("run", name, f"{limit:g}", "nothing, since no setting could be measured")
@@ -126,7 +126,7 @@ def _pick(front: Sequence[Row], problem: str, name: str, limit: float) -> Row:
 
 
 def _apply(scene: Scene, problem: str, row: Row) -> tuple[Scene, dict[str, dict[str, object]]]:
-    """The scene with a row's settings, and these by path of prim."""
+    """Returns the scene with a row's settings, and those settings by prim path."""
     if problem == SMOKE:
         changed, before, after = with_smoke(scene, row.method, row.resolution), "domains", ("resolution", "advection")
     else:
@@ -139,7 +139,7 @@ def _apply(scene: Scene, problem: str, row: Row) -> tuple[Scene, dict[str, dict[
 
 
 def _explain(front: Sequence[Row], problem: str, chosen: Row, count: int, source: str) -> str:
-    """Why a row was chosen: what it gives, and what its neighbours on the front would."""
+    """Explains why a row was chosen: its time and error, and those of its neighbours on the front."""
     error, words = _ERRORS[problem]
 
     def gives(row: Row) -> str:
@@ -149,7 +149,7 @@ def _explain(front: Sequence[Row], problem: str, chosen: Row, count: int, source
 
     place = front.index(chosen)
     beside = [(front[place - 1], "Faster")] if place > 0 else []
-    beside += [(front[place + 1], "Nearer")] if place + 1 < len(front) else []
+    beside += [(front[place + 1], "More accurate")] if place + 1 < len(front) else []
     others = "".join(f". {comparison} is {_setting(row)}: {gives(row)}" for row, comparison in beside)
     return f"{_setting(chosen)}: {gives(chosen)} (of {count} settings {source}){others}"
 

@@ -1,4 +1,4 @@
-"""Conducts a study: measures what is not yet measured, and writes tables, diagrams and the page."""
+"""Conducts a study: measures what has not been measured yet, and writes tables, diagrams and the page."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -23,11 +23,11 @@ class Study:
     """What a study found.
 
     Attributes:
-        folder: has results.json, results.csv, study.html, and a diagram SUITE.png for each suite.
+        folder: holds results.json, results.csv, study.html, and a diagram SUITE.png for each suite.
         disclosure: device, threads, versions, commit and copy bandwidth.
-        rows: all that were measured from the same references, in the order of the suites' cases.
+        rows: those measured against the same references, in the order of the suites' cases.
         orders: fitted orders by suite, problem and method.
-        unexpected: by suite, where known answers are missed, one line each.
+        unexpected: known answers that are missed, by suite, one line each.
         recommendation: what to choose for the stage, in one line; None without a stage.
     """
 
@@ -40,11 +40,11 @@ class Study:
 
     @property
     def page(self) -> Path:
-        """The web page."""
+        """Path of the web page."""
         return self.folder / PAGE
 
     def as_json(self) -> dict:
-        """All of it but the files, as plain data."""
+        """Returns everything but the files as plain data."""
         orders = {
             suite: [
                 {"problem": problem, "method": method, "order": slope} for (problem, method), slope in found.items()
@@ -62,7 +62,7 @@ class Study:
         }
 
     def diagram(self, suite: str) -> Path:
-        """The diagram of a suite."""
+        """Returns the path of a suite's diagram."""
         return self.folder / f"{suite}.png"
 
 
@@ -75,7 +75,7 @@ def conduct(
     threads: int | None,
     on_row: Callable[[Row, int, int], None] | None,
 ) -> Study:
-    """See `warp_smoke.study.study`."""
+    """Runs a study; see `warp_smoke.study.study`."""
     suites: dict[str, Suite] = {name: _suite(name, scene) for name in names}
     launcher = Launcher(device, threads)
     disclosure = disclose_study(launcher, scene)
@@ -106,11 +106,11 @@ def conduct(
 
 
 def comparable(rows: Iterable[Row], cases: Sequence[Case]) -> list[Row]:
-    """The rows that may stand in one diagram: of each problem those whose errors are measured from the same run.
+    """Returns the rows that can share a diagram: for each problem, those with errors measured from the same run.
 
     Args:
         rows: all that are stored, the latest last.
-        cases: of this study; their rows come first, and what they are measured from goes before.
+        cases: of this study; their rows come first, and their references take precedence.
     """
     rows = list(rows)
     references = {(each.suite, each.problem): each.reference for each in (*rows, *cases)}
@@ -129,7 +129,7 @@ def _suite(name: str, scene: Scene | None) -> Suite:
 
 
 def disclose_study(launcher: Launcher, scene: Scene | None) -> dict:
-    """Where a study is made, and of which scene."""
+    """Returns what a study discloses: machine, versions and scene."""
     disclosure = disclose(launcher)
     if scene is not None:
         disclosure |= {"stage": _name(scene), "scene": digest(fingerprint(scene, str(launcher.device)))[:12]}
@@ -137,7 +137,7 @@ def disclose_study(launcher: Launcher, scene: Scene | None) -> dict:
 
 
 def _write(folder: Path, disclosure: dict, suites: Mapping[str, Suite], rows: Mapping[str, list[Row]]) -> None:
-    """Writes what is made of the rows."""
+    """Writes the table, the diagrams and the page."""
     from warp_smoke.study.page import results_page
     from warp_smoke.study.plot import draw_diagram, picture
 
@@ -155,7 +155,7 @@ def _write(folder: Path, disclosure: dict, suites: Mapping[str, Suite], rows: Ma
 
 
 def chosen_suites(scene: Scene | None, asked: Sequence[str] | None) -> list[str]:
-    """Names of the suites that are meant.
+    """Returns the names of the suites asked for.
 
     Raises:
         ValueError: there is no such suite, or `scene` without a stage.
@@ -171,7 +171,7 @@ def chosen_suites(scene: Scene | None, asked: Sequence[str] | None) -> list[str]
 
 
 def study_folder(scene: Scene | None) -> Path:
-    """Where results go unless a folder is given."""
+    """Returns the folder for results unless one is given."""
     return Path("out", "study" if scene is None else f"{Path(_name(scene)).stem}.study")
 
 

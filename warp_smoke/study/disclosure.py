@@ -1,4 +1,4 @@
-"""What a measurement has to say about where it was made, so that it can be judged and repeated."""
+"""What a measurement discloses about its machine and versions, so that it can be judged and repeated."""
 
 import os
 import platform
@@ -15,16 +15,16 @@ from warp_smoke.launch import Launcher
 from warp_smoke.report import environment
 
 PACKAGE = Path(__file__).parents[1]
-# Results that differ in one of these must not stand in one table.
+# Results that differ in one of these must not share a table.
 IDENTITY = ("warp-smoke", "package digest", "warp-lang", "usd-core", "numpy", "device", "processor", "threads")
 _COPIED_BYTES = 2**26
 _COPIES = 10
-# A load average above which something else ran beside, so that times are longer than of the machine by itself.
+# Load average above which other processes were running, so that times are longer than on an idle machine.
 BUSY = 0.5
 
 
 def disclose(launcher: Launcher) -> dict:
-    """Device, threads, versions, commit, date, and, measured now, the load and the bandwidth of a copy."""
+    """Returns device, threads, versions, commit and date, and the load and copy bandwidth, which are measured now."""
     facts = environment()
     del facts["devices"], facts["pyvista"]
     return facts | {
@@ -40,12 +40,12 @@ def disclose(launcher: Launcher) -> dict:
 
 
 def load_average() -> float | None:
-    """How many processes ran or waited for a processor in the minute before; None where the system does not tell."""
+    """Returns the mean number of processes that ran or waited in the last minute; None where that is not known."""
     return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
 
 
 def copy_bandwidth(launcher: Launcher) -> float:
-    """Gigabytes read and written per second by a copy of 64 MiB (on the CPU by one thread), the best of ten."""
+    """Returns the gigabytes read and written per second by a copy of 64 MiB (one thread on the CPU), best of ten."""
     source = wp.full(_COPIED_BYTES // 4, 1.0, dtype=float, device=launcher.device)
     target = wp.zeros_like(source)
     times = []
@@ -59,14 +59,14 @@ def copy_bandwidth(launcher: Launcher) -> float:
 
 
 def processor() -> str:
-    """The processor's name, where the system tells it."""
+    """Returns the processor's name, or the machine's type where the system does not tell it."""
     facts = Path("/proc/cpuinfo")
     lines = facts.read_text().splitlines() if facts.exists() else []
     return next((line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.machine())
 
 
 def commit() -> str | None:
-    """The last commit that changed the package, with a + if it has been changed since; None outside a repository."""
+    """Returns the last commit that changed the package, with a + for changes since; None outside a repository."""
     if shutil.which("git") is None:
         return None
 
@@ -78,7 +78,7 @@ def commit() -> str | None:
 
 
 def source_digest() -> str:
-    """Twelve digits that change with any of the package's sources."""
+    """Returns twelve hexadecimal digits that change with any of the package's sources."""
     digest = sha256()
     for file in sorted(PACKAGE.rglob("*.py")):
         digest.update(file.relative_to(PACKAGE).as_posix().encode() + b"\0" + file.read_bytes())

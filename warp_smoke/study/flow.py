@@ -1,4 +1,4 @@
-"""Flow: whole steps of the solver against a decaying vortex, a stirred cavity, and air that has to stay at rest."""
+"""Flow: full solver steps against a decaying vortex, a lid-driven cavity, and air that has to stay at rest."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,24 +28,24 @@ _VISCOSITY, _VORTEX_SECONDS = 0.1, 0.5
 # Seconds until the cavity's flow no longer changes, by Reynolds number.
 _CAVITY_SECONDS = {100: 15, 400: 40, 1000: 80}
 PANEL_ERRORS = {REST: ("speed", "speed that is left, relative to the push")}
-_HALF_STEPS = "cavity, Re 1000, half steps"  # where the error of the steps outweighs that of the cells
+_HALF_STEPS = "cavity, Re 1000, half steps"  # where the error in time exceeds that in space
 for _cavity in (*(f"cavity, Re {_reynolds}" for _reynolds in _CAVITY_SECONDS), _HALF_STEPS):
     PANEL_ERRORS[_cavity] = ("linf", "largest error of the velocity, relative to the lid's")
 _PUSH, _REST_STEPS = 0.3, 20
 _REST_CELLS = 32
 _REST_TOLERANCES = (1e-1, 1e-3, 1e-5)
 _PASSES = ("emit_density", "diffuse_velocity", "project_pressure", "advect_velocity", "advect_density")
-# The vortex is smooth, and steps shrink with the square of the cells; the first-order scheme then takes so many steps
-# that it loses a part of its order.
+# The vortex is smooth, and steps shrink with the square of the cell size; the first-order scheme then takes so many
+# steps that it loses part of its order.
 _ORDERS = {"semi_lagrangian": 0.75, "maccormack": 2.0, "semi_lagrangian_cubic": 2.0, "bfecc": 2.0}
 _ORDER_MARGIN = 0.25
-# Ghia's own figures are good to about a hundredth, and 64² cells are enough for them at Re 100; the thinner layers of
-# faster flows need more, so there the error has to fall at least like the cells' size.
+# Ghia's figures are accurate to about a hundredth, and 64² cells are enough to match them at Re 100; the thinner layers
+# of faster flows need more, so there the error has to fall at least in proportion to the cell size.
 _CAVITY_LIMIT, _CAVITY_CELLS = 0.02, 64
 
 
 def cases(full: bool) -> list[Case]:
-    """Every advection scheme on the vortex, two in the cavity; every pressure solver on air at rest."""
+    """Returns every advection scheme on the vortex, two in the cavity, and all pressure solvers but Jacobi at rest."""
     made = []
     for scheme in ADVECTION_SCHEMES:
         made += [vortex_case(scheme, n) for n in ((8, 16, 32, 64, 128) if full else (8, 16, 32, 64))]
@@ -61,7 +61,7 @@ def cases(full: bool) -> list[Case]:
 
 
 def _square(n: int, solver: type[SmokeSolver], launcher: Launcher, **domain) -> SmokeSolver:
-    """A solver of a unit square of 1 × n × n cells with air alone in it; the square's x and y are along j and k."""
+    """Returns a solver of a unit square of 1 × n × n cells that hold only air; its x and y run along j and k."""
     box = SmokeDomain(path="/Air", lower=(0, 0, 0), upper=(1 / n, 1, 1), resolution=n, active_box=False, **domain)
     emitter = Emitter(path="/Source", mesh=Mesh.box(4.0))
     (plan,) = make_plan(Scene(domains=[box], emitters=[emitter])).domains
@@ -69,7 +69,7 @@ def _square(n: int, solver: type[SmokeSolver], launcher: Launcher, **domain) -> 
 
 
 def vortex_case(scheme: str, n: int) -> Case:
-    """The Taylor–Green vortex at ν = 0.1 m²/s for half a second, in steps in proportion to h²."""
+    """The Taylor–Green vortex at ν = 0.1 m²/s for half a second, with time steps proportional to h²."""
     steps = 5 * (n // 8) ** 2
     dt = _VORTEX_SECONDS / steps
 
@@ -100,7 +100,7 @@ def vortex_case(scheme: str, n: int) -> Case:
 
 
 def _vortex(n: int, time: float) -> tuple[np.ndarray, np.ndarray]:
-    """The exact velocity along j on [n + 1, n] faces, and along k on [n, n + 1]."""
+    """Returns the exact velocity along j on [n + 1, n] faces, and along k on [n, n + 1]."""
     face, cell = np.arange(n + 1) / n, (np.arange(n) + 0.5) / n
     u = taylor_green(face[:, None], cell[None], _VISCOSITY, time)[0]
     v = taylor_green(cell[:, None], face[None], _VISCOSITY, time)[1]
@@ -108,7 +108,7 @@ def _vortex(n: int, time: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 class _Cavity(SmokeSolver):
-    """A box whose upper side moves along +j with speed 1 and takes viscous air along."""
+    """A box whose upper side moves along +j with speed 1 and drags viscous air along."""
 
     def _diffuse_velocity(self, dt: float) -> float:
         pull = 2.0 * diffusion_number(self._domain.viscosity, dt, self._lattice.h)
@@ -135,7 +135,7 @@ def _cavity_case(problem: str, scheme: str, n: int, reynolds: int, dt: float) ->
     def measure(launcher: Launcher, repeats: int) -> Measured:
         boundary = ("closed",) * 2 + ("no_slip",) * 4
         solver = _square(n, _Cavity, launcher, boundary=boundary, viscosity=1 / reynolds, advection=scheme)
-        solver.step(1, 2, dt)  # warms up, and is the first step of the way to rest
+        solver.step(1, 2, dt)  # warms up, and is the first step towards the steady state
         seconds = time_steps(launcher, lambda _: solver.step(1, 2, dt), steps, repeats)
         u, v = (component.numpy()[0].astype(float) for component in solver.state.velocity[1:])
         cell = (np.arange(n) + 0.5) / n
@@ -149,7 +149,7 @@ def _cavity_case(problem: str, scheme: str, n: int, reynolds: int, dt: float) ->
 
 
 def _rest_case(solver_name: str, choice: dict[str, float]) -> Case:
-    """A closed box of hot air, which buoyancy pushes alike everywhere: pressure has to hold it all."""
+    """A closed box of hot air on which buoyancy pushes uniformly: pressure has to balance all of it."""
     n, dt = _REST_CELLS, 0.1
 
     def measure(launcher: Launcher, repeats: int) -> Measured:
@@ -171,7 +171,7 @@ def _rest_case(solver_name: str, choice: dict[str, float]) -> Case:
             field.zero_()
 
         def step(number: int) -> None:
-            solver.state.pressure.zero_()  # else the first step's pressure would be the answer to all others
+            solver.state.pressure.zero_()  # else the first step's pressure would already solve the others
             solver.step(number + 1, number + 2, dt)
 
         seconds = time_steps(launcher, step, _REST_STEPS, repeats)
@@ -182,12 +182,12 @@ def _rest_case(solver_name: str, choice: dict[str, float]) -> Case:
 
 
 def order(rows: Sequence[Row]) -> dict[tuple[str, str], float]:
-    """Slopes of the vortex' error over the cells' size."""
+    """Returns the slope of the vortex's log error over log cell size for each scheme."""
     return fit_orders([row for row in rows if row.problem == VORTEX], MAIN_ERROR)
 
 
 def unexpected(rows: Sequence[Row]) -> list[str]:
-    """Schemes of another order than theirs on the vortex; a cavity far from Ghia's; exact solvers that let air move."""
+    """Returns a line for each scheme off its order, each cavity far from Ghia's, and each solver that lets air move."""
     lines = [
         f"{problem}: {method} has order {slope:.2f}; expected {_ORDERS[method]:g} ± {_ORDER_MARGIN:g}"
         for (problem, method), slope in order(rows).items()
@@ -215,12 +215,12 @@ def unexpected(rows: Sequence[Row]) -> list[str]:
 
 
 def _still(row: Row) -> float:
-    """The speed that round-off, or the solver's tolerance, may leave at every step, all adding up."""
+    """Returns the relative speed that round-off or the solver's tolerance may leave, summed over all steps."""
     return max(1e-4, _REST_STEPS * float(row.parameters.get("tolerance", 0.0)))
 
 
 def explain(rows: Sequence[Row]) -> str:
-    """How to read the diagram, and what order and cavity show."""
+    """Explains how to read the diagram, and what the orders and the cavity show."""
     read = (
         "Each line is a way to step the air on finer and finer grids (in the last panel, with a smaller and smaller "
         "tolerance), against flows whose velocity is known: the lower and the further left, the better."

@@ -1,11 +1,11 @@
-"""The Pareto front: rows that no other row beats in both error and time; and what clearly beats what."""
+"""The Pareto front: rows that no other row beats in both error and time; and which settings clearly beat others."""
 
 from collections.abc import Iterable
 
 from warp_smoke.study.case import Row
 
-# Times that were taken at different moments of one machine differ by up to so much, which is no reason for a choice;
-# nor is a difference in error that another stage may turn around.
+# Times taken at different moments on one machine differ by up to this share, which is no reason for a choice; nor is
+# a difference in error that another stage may reverse.
 MARGIN = 0.3
 
 
@@ -25,7 +25,7 @@ def pareto_front(rows: Iterable[Row], error: str) -> list[Row]:
 
 
 def clearly_beats(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Whether one setting's error or time is clearly less than another's, and the other figure no more.
+    """Returns whether one setting's error or time is clearly less than another's, and its other figure no larger.
 
     Args:
         one: error and time.

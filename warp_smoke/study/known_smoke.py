@@ -21,10 +21,10 @@ class KnownSmoke(NamedTuple):
     Attributes:
         light: what casts its shadow.
         extinction: σ [1/m].
-        lattice: its box, with so many cells along x.
-        density: share of each cell that is filled, or its density, [nx, ny, nz].
-        points: behind it, seen from the light, [n, 3].
-        depth: τ between the light and each of them, [n].
+        lattice: makes its box from the number of cells along x.
+        density: computes each cell's density, or the share of it that is filled, [nx, ny, nz].
+        points: points behind it as seen from the light, [n, 3].
+        depth: τ between the light and each point, [n].
     """
 
     light: Light
@@ -54,7 +54,7 @@ def _cube(cells: int) -> Lattice:
 
 
 def _centres(lattice: Lattice, offset: float | np.ndarray = 0.5) -> np.ndarray:
-    """World positions in all cells, [nx, ny, nz, 3]."""
+    """World positions at an offset in every cell (½ = its centre), [nx, ny, nz, 3]."""
     matrix = lattice.cells_to_world()
     return (np.stack(np.indices(lattice.shape), axis=-1) + offset) @ matrix[:3, :3] + matrix[3, :3]
 
@@ -111,7 +111,7 @@ def _slab() -> KnownSmoke:
     return KnownSmoke(light, 2.0, lattice, lambda box: np.ones(box.shape), points, 2.0 * 0.5 / cosine)
 
 
-# By problem.
+# The smoke of each problem.
 KNOWN_SMOKE: dict[str, Callable[[], KnownSmoke]] = {
     "Gaussian blob": _gaussian_blob,
     "uniform sphere": _uniform_sphere,
@@ -121,7 +121,7 @@ KNOWN_SMOKE: dict[str, Callable[[], KnownSmoke]] = {
 
 @cache
 def known_density(problem: str, cells: int) -> tuple[Lattice, np.ndarray]:
-    """The box of a problem's smoke with so many cells along x, and the density in it, which every method takes."""
+    """Returns a problem's box with this many cells along x, and the density in it, shared by all methods."""
     known = KNOWN_SMOKE[problem]()
     lattice = known.lattice(cells)
     return lattice, known.density(lattice)

@@ -1,4 +1,4 @@
-"""Known answers of shadows and shading, and how far values are from them."""
+"""Known answers for shadows and shading, and norms of the error against them."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ def difference(found: np.ndarray, truth: np.ndarray, whole: float | None = None)
     Args:
         found: what was computed, [n, ...].
         truth: what it should be, of the same shape.
-        whole: root mean square that `relative_l2` is a share of; None = that of the truth.
+        whole: root mean square that `relative_l2` is relative to; None = that of the truth.
     """
     error = np.abs(np.asarray(found, np.float64) - truth)
     l2 = float(np.sqrt(np.mean(error**2)))
@@ -100,7 +100,7 @@ def edge_penumbra(points: np.ndarray, light: np.ndarray, radius: float, height: 
     """Share of a spherical light that points on y = 0 see past a half plane x < 0 at some height, [n].
 
     The plane through the point and the edge passes the light's middle at an angle φ, and the light is seen as a disk
-    of angular radius α: the cut is at tan φ / tan α of the disk.
+    of angular radius α: the cut is at tan φ / tan α of the disk's radius.
 
     Args:
         points: [n, 3], y = 0.

@@ -1,4 +1,4 @@
-"""Measures one case: a row comes of it whatever happens."""
+"""Measures one case: the result is a row, whatever happens."""
 
 from math import isfinite
 from time import perf_counter
@@ -15,10 +15,10 @@ def measure_case(launcher: Launcher, case: Case, gigabytes_per_second: float) ->
     Args:
         launcher: where it runs.
         case: what runs.
-        gigabytes_per_second: read and written by a copy of memory.
+        gigabytes_per_second: read and written by a memory copy.
 
     Returns:
-        Its row. An error that the case raises, or a number that is not finite, is the row's `failure`.
+        The case's row. An exception that the case raises, or a number that is not finite, becomes its `failure`.
     """
     about = {
         "suite": case.suite,

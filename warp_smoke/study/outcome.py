@@ -1,4 +1,4 @@
-"""What a run of a stage ends with, how long its frames take, and how far it is from another run."""
+"""The last frame of a run, how long its frames take, and how far it is from that of another run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from warp_smoke.study.case import Measured
 from warp_smoke.timing import Timings
 
 _VIEW_SIZE = (320, 180)
-# Pictures of other things than light are the same at all settings.
+# Bakes of anything but light are the same at all settings.
 _LIGHT_BAKES = ("lit", "irradiance", "visibility", "smokeShadow")
 
 
@@ -27,8 +27,8 @@ class Outcome:
     """The last frame of a run.
 
     Attributes:
-        volumes: the smoke, by path of domain.
-        pictures: baked ones, by path of receiver and bake.
+        volumes: the smoke, by domain path.
+        pictures: baked pictures, by receiver path and bake.
         view: the picture through the camera, [h, w, 3] uint8, or None without a camera.
     """
 
@@ -38,10 +38,10 @@ class Outcome:
 
 
 def run_scene(launcher: Launcher, scene: Scene, repeats: int) -> tuple[Outcome, Measured]:
-    """Makes all frames of a scene; what was measured holds no errors.
+    """Runs all frames of a scene; the measurement has no errors yet.
 
-    Times are of frames after the first, which has no step of the fluid and makes what stands still. A scene with fewer
-    frames than `repeats` runs again; one with a single frame is timed at that, after a run to warm up.
+    Frames after the first are timed: the first has no fluid step and sets up what is static. A scene with too few
+    frames for `repeats` runs again; one with a single frame is timed on that frame, after a warm-up run.
     """
     samples: list[float] = []
     outcome, count, passes, simulation = _run_once(launcher, scene, samples)
@@ -56,7 +56,7 @@ def run_scene(launcher: Launcher, scene: Scene, repeats: int) -> tuple[Outcome, 
 
 
 def _run_once(launcher: Launcher, scene: Scene, samples: list[float]) -> tuple[Outcome, int, dict, Simulation]:
-    """Adds the frames' times; gives the outcome, how many were timed, the passes' times in them, and the simulation."""
+    """Adds frame times to `samples`; returns the outcome, the number of timed frames, time by pass, and simulation."""
     simulation = Simulation(scene, device=str(launcher.device), threads=launcher.threads)
     seconds, alone = simulation.timings.seconds, len(scene.frames) == 1
     before, pictures = dict(seconds), {}
@@ -82,7 +82,7 @@ def _run_once(launcher: Launcher, scene: Scene, samples: list[float]) -> tuple[O
 def light_scene(
     launcher: Launcher, scene: Scene, volumes: Mapping[str, SmokeVolume], repeats: int
 ) -> tuple[Outcome, Measured]:
-    """Makes all shadows and bakes of a scene's last frame around given smoke, with none left from a frame before."""
+    """Computes all shadows and bakes of a scene's last frame from given smoke, reusing nothing from earlier frames."""
     plan = make_plan(scene)
     load_kernels(kernel_modules(plan), str(launcher.device))
     densities = {path: launcher.array(each.density, "density") for path, each in volumes.items()}
@@ -112,7 +112,7 @@ def _view(launcher: Launcher, scene: Scene, volumes: list[SmokeVolume]) -> np.nd
 
 
 def differences(found: Outcome, finest: Outcome) -> dict[str, float]:
-    """How far a run is from another, as far as both have it.
+    """Returns how far one run is from another, in the results that both have.
 
     Returns:
         `density`: relative L2 difference, on the cells of the coarser run; `shadows` and `picture`: root mean square
@@ -134,7 +134,7 @@ def differences(found: Outcome, finest: Outcome) -> dict[str, float]:
 
 
 def _rms(pairs: list[tuple[np.ndarray, np.ndarray]]) -> float:
-    """Root mean square difference of pixels, whose largest codes are 1."""
+    """Root mean square difference of pixels, scaled so that the largest code is 1."""
     total = count = 0.0
     for a, b in pairs:
         most = np.iinfo(a.dtype).max if np.issubdtype(a.dtype, np.integer) else 1.0
@@ -144,13 +144,13 @@ def _rms(pairs: list[tuple[np.ndarray, np.ndarray]]) -> float:
 
 
 def _on_coarser(a: SmokeVolume, b: SmokeVolume) -> tuple[np.ndarray, np.ndarray]:
-    """Two densities as means over the cells of the coarser one, float64."""
+    """Averages two densities over the cells of the coarser lattice, float64."""
     coarser = max(a.lattice, b.lattice, key=lambda lattice: lattice.voxel_size)
     return tuple(mean_over(each.density, each.lattice, coarser) for each in (a, b))
 
 
 def mean_over(density: np.ndarray, lattice: Lattice, coarser: Lattice) -> np.ndarray:
-    """A density as its means over the cells of another lattice with the same axes; 0 where it has no cells."""
+    """Averages a density over the cells of another lattice with the same axes; it is 0 outside its own cells."""
     means = density.astype(float)
     if lattice == coarser:
         return means

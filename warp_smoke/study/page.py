@@ -1,4 +1,4 @@
-"""The results as one web page: everything is inside the file, and it is light or dark as the reader's screen is."""
+"""The results as one self-contained web page, light or dark to match the reader's system."""
 
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from warp_smoke.study.plot import DARK, LIGHT, draw_diagram, picture
 from warp_smoke.study.summary import effect_costs, never_worth, order_lines, pass_times
 from warp_smoke.study.words import duration, percent
 
-# A letter of a diagram is then about as large as one of the tables; it may become smaller by so much.
+# At this scale letters in diagrams are about as large as in tables; they may shrink by this factor.
 _REM_PER_INCH, _LEAST_SIZE = 5.6, 0.8
 
 _AS_KNOWN = "All is as known answers ask. Fitted orders (2: with half the cell the error is a quarter):"
@@ -83,13 +83,13 @@ $sections
 def results_page(
     disclosure: Mapping[str, object], suites: Mapping[str, Suite], rows: Mapping[str, Sequence[Row]], note: str
 ) -> str:
-    """The page.
+    """Returns the page.
 
     Args:
         disclosure: of the machine and the versions.
         suites: by name, in the order of the page.
-        rows: of each suite, by its name.
-        note: where it was measured, in a line.
+        rows: of each suite, by suite name.
+        note: where it was measured, in one line.
     """
     links = "".join(f'<a href="#{name}">{escape(suite.TITLE)}</a>' for name, suite in suites.items())
     facts = "".join(
@@ -126,7 +126,7 @@ def _section(name: str, suite: Suite, rows: Sequence[Row]) -> str:
 
 
 def _verdict(suite: Suite, rows: Sequence[Row]) -> list[str]:
-    """What is not as known answers say, and what failed."""
+    """Returns missed known answers and failures as HTML, or the fitted orders if there are none."""
     lines = [escape(line) for line in suite.unexpected(rows)]
     lines += [escape(f"failed: {_name(row)}: {row.failure}") for row in rows if row.failure is not None]
     if lines:
@@ -140,7 +140,7 @@ def _name(row: Row) -> str:
 
 
 def _diagram(suite: Suite, rows: Sequence[Row]) -> str:
-    """The diagram in light and dark, as wide as its letters ask for; on a narrow screen it is moved sideways."""
+    """Returns the diagram in light and dark, wide enough for its letters; it scrolls sideways on a narrow screen."""
     light, dark = (draw_diagram(suite, rows, theme) for theme in (LIGHT, DARK))
     width = light.get_figwidth() * _REM_PER_INCH
     sources = ["data:image/svg+xml;base64," + b64encode(picture(figure, "svg")).decode() for figure in (light, dark)]
@@ -152,7 +152,7 @@ def _diagram(suite: Suite, rows: Sequence[Row]) -> str:
 
 
 def _settings(suite: Suite, rows: Sequence[Row]) -> str:
-    """All rows, fastest first in each problem; those on no front are grey."""
+    """Tabulates all rows, fastest first in each problem; those not on a front are grey."""
     errors = list(dict.fromkeys(name for row in rows for name in row.errors))
     head = ["method", "chosen", "time", "middle half", "ns per cell and step", "share of the copy", *errors]
     cells = "".join(
@@ -188,7 +188,7 @@ def _settings(suite: Suite, rows: Sequence[Row]) -> str:
 
 
 def _effects(rows: Sequence[Row]) -> str:
-    """What each effect costs: the time with everything, less that without it. The first row has everything."""
+    """Tabulates the cost of each effect: the time with everything minus that without it. Row 1 has everything."""
     names = list(dict.fromkeys(name for row in rows for name in row.errors))
     head = "".join(f'<th class="n">changes {escape(name)}</th>' for name in names)
     lines = []
@@ -212,7 +212,7 @@ def _effects(rows: Sequence[Row]) -> str:
 
 
 def _passes(row: Row, what: str) -> str:
-    """Where the time of a frame goes."""
+    """Tabulates where the time of a frame goes."""
     times = pass_times(row)
     longest = max(seconds for _, seconds in times)
     lines = "".join(

@@ -1,4 +1,4 @@
-"""Work–precision diagrams: error against time, both logarithmic, one panel for each problem and one line a method."""
+"""Work–precision diagrams: error against time, both logarithmic, one panel per problem, one line per method."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ _DASHES = ("-", (0, (4, 1.5)), (0, (1, 1.5)))
 _PANEL = (4.4, 3.6)  # width and height [inch]
 _POINTS_PER_INCH = 72
 _LABEL_SIZE = 7
-# Letters of an axis' label in a line; lines in a panel up to which all points are labelled, not only the front's.
+# Letters per line of an axis label; most lines in a panel whose points are all labelled, not only the front's.
 _LABEL_LETTERS, _MOST_LABELLED = 44, 8
-# Ticks of each decade on axes of fewer decades than this.
+# Ticks in each decade, for axes with fewer decades than the first number.
 _TICKS = ((0.5, (1, 1.5, 2, 3, 4, 5, 6, 8)), (1.0, (1, 2, 3, 5, 7)), (2.0, (1, 2, 5)), (np.inf, (1,)))
 # Where a label may stand around its point: directions, best first, and distances [points].
 _DIRECTIONS = ((1, 1), (1, -1), (-1, 1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0))
@@ -59,10 +59,10 @@ DARK = Theme(
 
 
 def draw_diagram(suite: Suite, rows: Sequence[Row], theme: Theme = LIGHT, *, title: str = "", note: str = "") -> Figure:
-    """The diagram of a suite.
+    """Draws the diagram of a suite.
 
     Args:
-        suite: says what the errors are.
+        suite: names the errors.
         rows: of the suite.
         theme: its colours.
         title: above it.
@@ -107,7 +107,7 @@ def draw_diagram(suite: Suite, rows: Sequence[Row], theme: Theme = LIGHT, *, tit
 
 
 def _legend(styles: dict[str, dict], theme: Theme) -> list[Line2D]:
-    """What the lines and the points' filling mean."""
+    """Explains the lines and the filling of the points."""
     handles = [Line2D([], [], label=method, **style) for method, style in styles.items()]
     for label, face in (
         ("filled: nothing is both faster and better", theme.ink),
@@ -127,7 +127,7 @@ def picture(figure: Figure, kind: str, dots_per_inch: int = 150) -> bytes:
 
 
 def varying(rows: Sequence[Row]) -> list[str]:
-    """Names of what was chosen differently along a method's line in a panel."""
+    """Returns the names of the settings that vary along a method's line in a panel."""
     names: dict[str, None] = {}
     for points in by_method(rows).values():
         for name in dict.fromkeys(name for row in points for name in row.labels):
@@ -152,7 +152,7 @@ def _style(index: int, theme: Theme) -> dict:
 
 
 def _draw_panel(axes: Axes, suite: Suite, rows: Sequence[Row], styles: dict, theme: Theme) -> list[_Label]:
-    """Draws the lines; gives the labels to be placed once the panel has its size."""
+    """Draws the lines; returns the labels, to be placed once the panel's size is known."""
     problem = rows[0].problem
     error, means = panel_error(suite, problem)
     valid = [row for row in rows if row.failure is None]
@@ -220,7 +220,7 @@ def _dress(axes: Axes, theme: Theme) -> None:
 
 
 def _set_ticks(axes: Axes) -> None:
-    """Decades; the fewer there are, the more of what lies between them."""
+    """Puts ticks at decades, and the more between them the fewer there are."""
     formats = (EngFormatter(unit="s", sep="\N{NO-BREAK SPACE}"), FuncFormatter(lambda value, _: f"{value:g}"))
     for axis, limits, text in zip((axes.xaxis, axes.yaxis), (axes.get_xlim(), axes.get_ylim()), formats, strict=True):
         decades = np.log10(limits[1] / limits[0])
@@ -263,7 +263,7 @@ def _place_labels(axes: Axes, labels: Sequence[_Label]) -> None:
 
 
 def _marks(axes: Axes) -> np.ndarray:
-    """Places on the panel's lines, close together, [n, 2] in pixels."""
+    """Closely spaced points on the panel's lines, [n, 2] in pixels."""
     places = []
     for line in axes.lines:
         corners = axes.transData.transform(np.column_stack(line.get_data()))

@@ -1,7 +1,7 @@
-"""Pressure: how fast each solver takes the divergence out of a flow, in an empty box and around solids.
+"""Pressure: how fast each solver removes the divergence of a flow, in an empty box and around solids.
 
-The flow to be projected is a round gust, with solids cut out of it. A second question is how far the pressure on a grid
-is from the exact one: that is asked with p = exp(cos πx cos 2πy cos πz), which has no slope at the walls.
+The flow to be projected is a round gust, with solids cut out of it. How far the pressure on a grid is from the exact
+one is measured with p = exp(cos πx cos 2πy cos πz), whose normal derivative is zero at the walls.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -32,17 +32,17 @@ _TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4)
 _SWEEPS = (16, 64, 256)
 _MOST_ITERATIONS = 1000  # plain conjugate gradients take more than 400 on 128³
 _RELAXATIONS = ("red_black", "jacobi")
-# On large grids there are fewer problems: on the largest only by the fastest solvers, and on the one before also by
-# plain conjugate gradients, whose iterations grow with the cells along a side.
+# Only these problems run on large grids: on the largest with the fastest solvers alone, and from 128³ on with plain
+# conjugate gradients, whose iterations grow with the cells along a side.
 _LARGE, _LARGE_PROBLEMS = 256, ("empty box", "sphere")
 _LARGE_SOLVERS = ("spectral", "multigrid", "spectral_conjugate_gradient")
 _SLOW, _SLOW_FROM = "conjugate_gradient", 128
 # Measured at 256³: 238 bytes for each cell, with the float64 fields of the residual.
 _BYTES_PER_CELL = 256
-# Far below the error of the grid, so that the grid's alone is seen.
+# Far below the discretization error, so that only that is seen.
 _TIGHT = 1e-6
 _ORDER, _ORDER_MARGIN = 2.0, 0.15
-# A pressure in float32 cannot be asked for much less; solvers then stop at what they can reach.
+# Pressures in float32 cannot reach much smaller residuals; solvers then stop at what they can reach.
 _ROUND_OFF = 1e-3
 _THOUSANDTH = 1e-3
 
@@ -78,7 +78,7 @@ def _moved(mesh: Mesh, by: float) -> Mesh:
 
 
 def cases(full: bool) -> list[Case]:
-    """Every solver on each problem, by tolerance or sweeps; `full`: also on 256³, by the fastest."""
+    """Returns every solver on each problem, by tolerance or sweeps; `full`: also on 256³, with the fastest."""
     exact = [solver for solver in PRESSURE_SOLVERS if solver not in _RELAXATIONS]
     made = []
     for n in (32, 64, 128) if full else (64,):
@@ -92,7 +92,7 @@ def cases(full: bool) -> list[Case]:
 
 
 def _projecting_cases(problems: Iterable[str], solvers: Iterable[str], n: int) -> list[Case]:
-    """Each problem by each solver that can solve it, as closely as is asked for."""
+    """Each problem with each solver that can solve it, at each tolerance or number of sweeps."""
     made = []
     for problem, solver in product(problems, solvers):
         if solver == _SLOW and n >= _SLOW_FROM and problem not in _LARGE_PROBLEMS:
@@ -108,7 +108,7 @@ def _projecting_cases(problems: Iterable[str], solvers: Iterable[str], n: int) -
 
 
 def projecting_case(problem: str, solver: str, n: int, choice: dict[str, float]) -> Case:
-    """The gust among the solids of a problem, in a closed box of n³ cells.
+    """Projects the gust around the solids of a problem, in a closed box of n³ cells.
 
     Args:
         problem: name of the solids.
@@ -134,7 +134,7 @@ def projecting_case(problem: str, solver: str, n: int, choice: dict[str, float])
 
 
 def _manufactured_case(solver: str, n: int) -> Case:
-    """A pressure known everywhere, from its Laplacian."""
+    """Solves for a pressure known everywhere, from its Laplacian."""
 
     def measure(launcher: Launcher, repeats: int) -> Measured:
         _check_memory(launcher, n)
@@ -151,14 +151,14 @@ def _manufactured_case(solver: str, n: int) -> Case:
 
 
 def _check_memory(launcher: Launcher, n: int) -> None:
-    """Refuses a box of n³ cells for which there is no room, so that its row says so."""
+    """Raises MemoryError if n³ cells do not fit, so that their row says so."""
     needed, free = _BYTES_PER_CELL * n**3, launcher.available_bytes()
     if needed > free:
         raise MemoryError(f"{n}³ cells need {needed / 2**30:.1f} GiB; {free / 2**30:.1f} GiB are free")
 
 
 def manufactured(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The pressure exp(cos πx cos 2πy cos πz) and its Laplacian where each coordinate is among x, [n, n, n] float64."""
+    """The pressure exp(cos πx cos 2πy cos πz) and its Laplacian on the grid x × x × x, [n, n, n] float64."""
     waves = np.pi * np.array([1.0, 2.0, 1.0])
     cosines = [np.cos(k * x).reshape(shape) for k, shape in zip(waves, _AXES, strict=True)]
     sines = [np.sin(k * x).reshape(shape) for k, shape in zip(waves, _AXES, strict=True)]
@@ -185,7 +185,7 @@ def _solids(launcher: Launcher, problem: str, n: int) -> Solids | None:
 
 
 def _divergence_of_gust(launcher: Launcher, solids: Solids | None, n: int) -> wp.array:
-    """Net flow out of each cell of air that blows up in a ball, with nothing through solids and sides."""
+    """Net flow out of each cell for a round upward gust, with no flow through solids and sides."""
     shape = (n, n, n)
     velocity = tuple(launcher.zeros(face_shape(shape, axis), "velocity") for axis in range(3))
     x = (np.indices(face_shape(shape, 1)) + np.array([0.5, 0.0, 0.5]).reshape(3, 1, 1, 1)) / n
@@ -204,7 +204,7 @@ def _divergence_of_gust(launcher: Launcher, solids: Solids | None, n: int) -> wp
 def _solve(
     launcher: Launcher, name: str, problem: PressureProblem, divergence: wp.array, repeats: int
 ) -> tuple[Measured, np.ndarray]:
-    """Solves from a pressure of 0; gives what was measured, and the pressure [nx, ny, nz] float64."""
+    """Solves from a pressure of 0; returns the measurement, and the pressure [nx, ny, nz] float64."""
     solver = PRESSURE_SOLVERS[name](launcher, problem)
     pressure, status = launcher.zeros(problem.shape, "pressure"), None
 
@@ -221,7 +221,7 @@ def _solve(
 
 
 def residual_of(pressure: np.ndarray, divergence: np.ndarray, solids: Solids | None) -> tuple[float, float]:
-    """Root mean square and largest r = d − Σ w (q_neighbour − q) in a closed box, relative to d, in float64.
+    """Returns the rms and largest residual r = d − Σ w (q_neighbour − q) in a closed box, relative to d's, in float64.
 
     In a box without solids, the mean of d, which no pressure can change, is left out.
     """
@@ -239,12 +239,12 @@ def residual_of(pressure: np.ndarray, divergence: np.ndarray, solids: Solids | N
 
 
 def order(rows: Sequence[Row]) -> dict[tuple[str, str], float]:
-    """Slopes of the error against the known pressure over the cells' size."""
+    """Returns the slope of each solver's log error against the known pressure over log cell size."""
     return fit_orders([row for row in rows if row.problem == MANUFACTURED], "relative_l2")
 
 
 def unexpected(rows: Sequence[Row]) -> list[str]:
-    """Solvers of another order than 2, or that stop before their tolerance."""
+    """Returns a line for each solver whose order is not 2, or that stops before its tolerance."""
     lines = [
         f"{problem}: {method} has order {slope:.2f}; expected {_ORDER:g} ± {_ORDER_MARGIN:g}"
         for (problem, method), slope in order(rows).items()
@@ -259,7 +259,7 @@ def unexpected(rows: Sequence[Row]) -> list[str]:
 
 
 def explain(rows: Sequence[Row]) -> str:
-    """How to read the diagram, and which solver leaves a thousandth first, on the finest grid of each kind."""
+    """Explains how to read the diagram, and which solver first leaves a thousandth on each problem's finest grid."""
     read = (
         "Each line is a solver that is asked for less and less divergence (its tolerance, or its number of sweeps, is "
         "written at the points): take the one whose line lies farthest to the left."

@@ -1,4 +1,4 @@
-"""Reflected light against formulas: a highlight on a ball, at each vertex or pixel, and the share of all light."""
+"""Reflected light against formulas: a highlight on a ball, per vertex or pixel, and the albedo."""
 
 import numpy as np
 import warp as wp
@@ -14,13 +14,13 @@ from warp_smoke.study.shaded_points import POINTS, place_points, source_of
 from warp_smoke.study.shadow_scenes import shine
 from warp_smoke.study.smoke_plume import at
 
-# Of the ball: exponent 64, a light and an eye three radii away.
+# For the ball: exponent 64, a light and an eye three radii from its centre.
 _ROUGHNESS, _DIFFUSE, _R0 = 0.75, (0.2, 0.3, 0.4), (0.04, 0.04, 0.04)
 _LAMP, _EYE = np.array([2.0, 2.0, 1.0]), np.array([-0.5, 1.0, 2.8])
 
 
 def _ball(segments: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A ball's triangles [m, 3, 3], and points seen from the eye: triangle, weights of corners, and truth."""
+    """A ball's triangles [m, 3, 3], and points seen from the eye: triangle, barycentric weights, and truth."""
     mesh = Mesh.sphere(1.0, segments)
     corners = mesh.points_at(1.0).astype(np.float64)[mesh.triangles]
     rng = np.random.default_rng(0)
@@ -43,7 +43,7 @@ def _gloss() -> tuple[Material, PointLight]:
 
 
 def measure_pixels(segments: int, launcher: Launcher, repeats: int) -> Measured:
-    """The highlight with light found at each point, from normals interpolated between corners."""
+    """Measures the highlight shaded at each point, with normals interpolated between corners."""
     corners, triangle, weights, truth = _ball(segments)
     material, lamp = _gloss()
     positions, normals = (np.sum(weights[:, :, None] * a[triangle], axis=1) for a in (corners, normalized(corners)))
@@ -59,7 +59,7 @@ def measure_pixels(segments: int, launcher: Launcher, repeats: int) -> Measured:
 
 
 def measure_vertices(segments: int, launcher: Launcher, repeats: int) -> Measured:
-    """The highlight with light found at the corners and interpolated between them."""
+    """Measures the highlight shaded at the corners and interpolated between them."""
     corners, triangle, weights, truth = _ball(segments)
     material, lamp = _gloss()
     arrays = {"positions": corners.reshape(-1, 3), "normals": normalized(corners.reshape(-1, 3))}
@@ -80,7 +80,7 @@ def measure_vertices(segments: int, launcher: Launcher, repeats: int) -> Measure
 
 
 def measure_albedo(exponent: int, reflection: str, angles: int, launcher: Launcher, repeats: int) -> Measured:
-    """The midpoint rule over the eye's angle: the light is along the normal, and a mirror reflects all colours."""
+    """Measures the albedo by the midpoint rule over the eye's angle, for light along the normal and R₀ = 1."""
     angle = (np.arange(angles) + 0.5) * (0.5 * np.pi / angles)
     to_eye = np.stack([np.sin(angle), np.cos(angle), np.zeros(angles)], axis=1)
     material = Material(
@@ -95,7 +95,7 @@ def measure_albedo(exponent: int, reflection: str, angles: int, launcher: Launch
         points.shade(source)
 
     seconds = time_repeats(launcher, shade, repeats)
-    # B = 1 is an irradiance of π; radiance goes out through 2π sin θ cos θ dθ.
+    # B = 1 is an irradiance of π; radiance leaves through 2π sin θ cos θ dθ.
     share = np.sum(points.radiance.numpy()[:, 0] * np.sin(2.0 * angle)) * (0.5 * np.pi / angles)
     truth = blinn_phong_albedo(exponent) if reflection == "blinnPhong" else 1.0
     return Measured(difference(np.array([share]), np.array([truth])), seconds, angles)

@@ -1,4 +1,4 @@
-"""Relief of textures against formulas: normal maps of waves, and parallax where a line of sight meets them."""
+"""Textured relief against formulas: normal maps of waves, and parallax, where a line of sight meets them."""
 
 import tempfile
 from functools import cache
@@ -17,7 +17,7 @@ from warp_smoke.study.shaded_points import POINTS, on_square, place_points
 _AMPLITUDE = 0.05
 _RAW = {"color_space": "raw"}
 _DIRECTIONS = _RAW | {"scale": (2.0, 2.0, 2.0, 1.0), "bias": (-1.0, -1.0, -1.0, 0.0)}
-# Of the relief: its depth, and texels of its heights.
+# The relief's depth, and the texels along a side of its heights.
 _DEPTH, HEIGHT_TEXELS = 0.06, 256
 
 
@@ -29,14 +29,14 @@ def _waves(texels: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def measure_heights(texels: int, launcher: Launcher, repeats: int) -> Measured:
-    """Normals of the waves by differences of their heights, at the texels."""
+    """Measures normals of the waves by finite differences of their heights, at the texels."""
     heights, truth = _waves(texels)
     seconds = time_repeats(launcher, lambda: height_normals(heights, 1.0, 1.0), repeats)
     return Measured(difference(height_normals(heights, 1.0, 1.0), truth, 1.0), seconds, texels**2)
 
 
 def measure_stored(texels: int, launcher: Launcher, repeats: int) -> Measured:
-    """Normals of the waves after a picture of 8 bits, at the texels."""
+    """Measures normals of the waves as stored in an 8-bit picture, at the texels."""
     heights, truth = _waves(texels)
 
     def store() -> np.ndarray:
@@ -46,7 +46,7 @@ def measure_stored(texels: int, launcher: Launcher, repeats: int) -> Measured:
 
 
 def measure_looked_up(texels: int, launcher: Launcher, repeats: int) -> Measured:
-    """Normals of the waves as shading finds them in a picture, between the texels."""
+    """Measures normals of the waves as shading looks them up in a picture, between the texels."""
     uvs = np.random.default_rng(0).random((POINTS, 2)).astype(np.float32)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "normals.png")
@@ -60,13 +60,13 @@ def measure_looked_up(texels: int, launcher: Launcher, repeats: int) -> Measured
 
 
 def _relief_height(uv: np.ndarray) -> np.ndarray:
-    """Of the relief, 0 to 1, at texture coordinates [n, 2]."""
+    """Heights of the relief, 0 to 1, at texture coordinates [n, 2]."""
     return 0.5 + wave_heights(2.0 * uv[:, 0], 2.0 * uv[:, 1], 0.5)
 
 
 @cache
 def _relief_uvs(degrees: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Direction to the eye, texture coordinates, and those at which the line of sight meets the relief first."""
+    """Direction to the eye, texture coordinates, and those where the line of sight first meets the relief."""
     angle, turn = np.radians(degrees), np.radians(30.0)
     to_eye = np.array([np.sin(angle) * np.cos(turn), np.cos(angle), -np.sin(angle) * np.sin(turn)])
     slope = np.tan(angle) * np.array([np.cos(turn), np.sin(turn)])
@@ -91,12 +91,12 @@ def _relief_uvs(degrees: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def measure_parallax(parallax: str, degrees: int, launcher: Launcher, repeats: int) -> Measured:
-    """Where a line of sight meets the relief, seen from some degrees off the normal."""
+    """Measures where lines of sight at an angle to the normal meet the relief."""
     to_eye, uv, truth = _relief_uvs(degrees)
     along = (np.arange(HEIGHT_TEXELS) + 0.5) / HEIGHT_TEXELS
     u, v = np.meshgrid(along, along[::-1])
     heights = _relief_height(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(u.shape)
-    # 256 codes in 256 texels: between them the picture says the texture coordinates exactly.
+    # 256 codes in 256 texels: interpolated, the picture holds the texture coordinates exactly.
     ramp = np.dstack([np.rint(256.0 * a - 0.5) for a in (u, v, 0.5 / 256.0 + 0.0 * u)]).astype(np.uint8)
     with tempfile.TemporaryDirectory() as folder:
         Image.fromarray(np.rint(65535.0 * heights).astype(np.uint16)).save(Path(folder, "heights.png"))

@@ -1,7 +1,8 @@
 """A user's own stage at several settings, each against the finest; what its effects cost; and what to choose.
 
 Smoke is simulated over a range of frames, and the last is compared: its density on the cells of the coarser run, its
-baked pictures, and its picture through the camera. Shadows are made anew for that frame, against ones traced by rays.
+baked pictures, and its picture through the camera. Shadows are recomputed for that frame and compared with ray-traced
+ones.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,8 +39,8 @@ _QUICK_FRAMES, _QUICK_CELLS = 24, 2**21
 _TOLERANCES, _FINE_TOLERANCE = (1e-1, 1e-2, 1e-3, 1e-4), 1e-5
 _MAPPED_FILTERS, _TRACED_FILTERS = ("hard", "pcf_grid", "pcf_disk", "pcss"), ("exact", "area")
 _MAP_SHARES = (0.25, 0.5, 1.0)
-# A slower setting has to better the faster one by this factor to be recommended, and an error larger than a code of an
-# 8-bit picture.
+# The fastest setting is recommended whose error is within this factor of the least, or within one code of an 8-bit
+# picture.
 _GOOD_ENOUGH, _UNSEEN = 1.5, 1 / 255
 
 
@@ -77,7 +78,7 @@ class SceneStudy:
         self._traced: dict[str, Outcome] = {}
 
     def cases(self, full: bool) -> list[Case]:
-        """Resolutions and schemes, tolerances, shadow settings and effects, as far as the stage has them."""
+        """Returns resolutions and schemes, tolerances, shadow settings and effects, where the stage has them."""
         frames = self._frames(full)
         made = self._smoke_cases(frames, full) if self._plan.domains else []
         for name, scene in {EVERYTHING: frames, **effects_off(frames, self._plan)}.items():
@@ -100,7 +101,7 @@ class SceneStudy:
         return made
 
     def _frames(self, full: bool) -> Scene:
-        """The frames that are made: those of a stage without smoke are all alike."""
+        """The scene with the frames that are run: without smoke only the first."""
         start, end = self._scene.start, self._scene.end
         if not self._plan.domains:
             return replace(self._scene, end=start)
@@ -126,7 +127,7 @@ class SceneStudy:
         return made
 
     def _run_case(self, problem: str, method: str, parameters: dict, scene: Scene, finest: Scene) -> Case:
-        """A run of all frames against another."""
+        """A run of all frames, compared with the finest."""
 
         def measure(launcher: Launcher, repeats: int) -> Measured:
             outcome, measured = run_scene(launcher, scene, repeats)
@@ -141,7 +142,7 @@ class SceneStudy:
     def _light_case(
         self, problem: str, method: str, parameters: dict, resolution: int, scene: Scene, traced: Scene, frames: Scene
     ) -> Case:
-        """The shadows of the last of the frames against ones traced by rays, around the same smoke."""
+        """The last frame's shadows, compared with ray-traced ones, for the same smoke."""
 
         def measure(launcher: Launcher, repeats: int) -> Measured:
             volumes = self._outcome(launcher, frames).volumes
@@ -155,7 +156,7 @@ class SceneStudy:
         return Case("scene", problem, method, parameters, resolution, None, measure, reference)
 
     def _outcome(self, launcher: Launcher, scene: Scene) -> Outcome:
-        """The last frame of a run that others are compared with, made when it is first asked for."""
+        """The last frame of a reference run, which is made on first use."""
         name = _run_in_words(scene)
         if name not in self._outcomes:
             self._outcomes[name], _ = run_scene(launcher, scene, 0)
@@ -170,7 +171,7 @@ class SceneStudy:
         return []
 
     def explain(self, rows: Sequence[Row]) -> str:
-        """How to read the diagrams, and what to choose."""
+        """Explains how to read the diagrams, and what to choose."""
         read = (
             "Each point is a setting: how long a frame takes with it, and how far its last frame is from that of the "
             "finest run (smoke), or its shadows and bakes from those traced by rays."
@@ -178,7 +179,7 @@ class SceneStudy:
         return f"{read} {self.recommendation(rows)}"
 
     def recommendation(self, rows: Sequence[Row]) -> str:
-        """What to choose, in one line: the cheapest setting that is nearly as good as the best."""
+        """Returns what to choose, in one line: the fastest setting that is nearly as good as the best."""
         says = []
         for problem, found in by_problem(rows).items():
             if problem in self.TABLES:
@@ -198,9 +199,9 @@ class SceneStudy:
 
 
 def recommended(rows: Sequence[Row], error: str) -> Row:
-    """The fastest row whose error cannot be seen in a picture, or is not much larger than the least.
+    """Returns the fastest row whose error cannot be seen in a picture, or is not much larger than the least.
 
-    What all others are compared with has no error, and is no choice unless it is the only one.
+    The reference has no error, and is not a choice unless it is the only row.
     """
     front = pareto_front([row for row in rows if row.errors[error] > 0] or rows, error)
     enough = max(_UNSEEN, _GOOD_ENOUGH * front[-1].errors[error])
@@ -208,7 +209,7 @@ def recommended(rows: Sequence[Row], error: str) -> Row:
 
 
 def _run_in_words(scene: Scene) -> str:
-    """Tells the variants of one stage's smoke apart, also from those of other studies of the stage."""
+    """Describes a run of the stage in words that distinguish it from all others, in this study and in later ones."""
     words = []
     for domain in scene.domains:
         words.append(f"{domain.advection or DEFAULT_ADVECTION} at {domain.resolution}")

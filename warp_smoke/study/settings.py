@@ -20,7 +20,7 @@ _WITHOUT = {
 
 
 def with_smoke(scene: Scene, scheme: str | None, resolution: int) -> Scene:
-    """With an advection scheme (None = the stage's) and so many cells along the first domain; others in proportion."""
+    """Returns the scene with an advection scheme (None = the stage's), and resolutions scaled to the first domain's."""
     share = resolution / scene.domains[0].resolution
     domains = []
     for domain in scene.domains:
@@ -30,12 +30,12 @@ def with_smoke(scene: Scene, scheme: str | None, resolution: int) -> Scene:
 
 
 def with_tolerance(scene: Scene, tolerance: float) -> Scene:
-    """With pressures that are solved for to a tolerance."""
+    """Returns the scene with this tolerance for all pressure solvers."""
     return replace(scene, domains=[replace(domain, pressure_tolerance=tolerance) for domain in scene.domains])
 
 
 def with_surface_shadows(scene: Scene, shadow_filter: str, share: float = 1.0) -> Scene:
-    """With a filter for every light's shadows of surfaces, and a share of the texels along a side of its map."""
+    """Returns the scene with this filter for all surface shadows, and map sizes scaled by a share."""
     lights = []
     for light in scene.lights:
         texels = max(1, round(light.shadow_map_size * share))
@@ -44,12 +44,12 @@ def with_surface_shadows(scene: Scene, shadow_filter: str, share: float = 1.0) -
 
 
 def with_smoke_shadows(scene: Scene, method: str) -> Scene:
-    """With a method for every light's shadows of smoke."""
+    """Returns the scene with this method for all smoke shadows."""
     return replace(scene, lights=[replace(light, smoke_shadow=method) for light in scene.lights])
 
 
 def effects_off(scene: Scene, plan: Plan) -> dict[str, Scene]:
-    """The scene without each effect that its plan has, by the effect's name."""
+    """Returns the scene without each of its plan's effects in turn, by the effect's name."""
     passes, without = {each.name for each in plan.passes}, {}
     for name, (effect, fields) in _WITHOUT.items():
         if name in passes:
@@ -77,6 +77,6 @@ def effects_off(scene: Scene, plan: Plan) -> dict[str, Scene]:
 
 
 def with_receivers(scene: Scene, **fields) -> Scene:
-    """With other fields of every receiver."""
+    """Returns the scene with these fields changed in every receiver."""
     surfaces = [replace(s, receiver=replace(s.receiver, **fields)) if s.receiver else s for s in scene.surfaces]
     return replace(scene, surfaces=surfaces)

@@ -1,4 +1,4 @@
-"""Points of surfaces as the shading takes them, made from arrays: what the shading suite measures on."""
+"""Surface points made from arrays in the form that shading takes: what the shading suite measures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from warp_smoke.shading.looks import Looks, make_looks
 from warp_smoke.shading.radiance import shade_light
 from warp_smoke.shading.surface_points import SurfaceDetail, SurfacePoints, allocate_detail, look_up_detail
 
-# How many points a measurement has.
+# Points in a measurement.
 POINTS = 40_000
 _DARK = wp.vec3(0.0, 0.0, 0.0)
 
@@ -38,11 +38,11 @@ class ShadedPoints:
     radiance: wp.array
 
     def look_up(self) -> None:
-        """Normals, colours and gloss, after parallax."""
+        """Looks up normals, colours and gloss, after parallax."""
         look_up_detail(self.launcher, self.count, self.looks, self.points, self.eye, _DARK, self.detail)
 
     def shade(self, light: LightSource) -> None:
-        """The light that the points reflect to the eye."""
+        """Computes the light that the points reflect to the eye."""
         args = (light, self.looks, self.points, self.detail, self.eye, self.radiance)
         shade_light(self.launcher, self.count, *args)
 
@@ -50,11 +50,11 @@ class ShadedPoints:
 def place_points(
     launcher: Launcher, material: Material, eye: np.ndarray, arrays: Mapping[str, np.ndarray]
 ) -> ShadedPoints:
-    """Points of a material.
+    """Places points of one material on a device.
 
     Args:
-        launcher: where they are.
-        material: of all of them.
+        launcher: where they are computed.
+        material: their material.
         eye: where they are seen from, [3].
         arrays: `positions` and unit `normals`, [n, 3]; `tangents` with signs, [n, 4], and `uvs`, [n, 2], if needed.
     """
@@ -82,5 +82,5 @@ def on_square(uvs: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def source_of(light: Light) -> LightSource:
-    """A light of set space around the world's origin."""
+    """Returns a light's source, with set space centred on the world's origin."""
     return light_source(light, np.zeros(3), 1.0)

@@ -1,4 +1,4 @@
-"""Shading: highlights by vertex and by pixel, normal maps, parallax, and the reflected share of the light.
+"""Shading: highlights per vertex and per pixel, normal maps, parallax, and the reflected share of the light.
 
 Each is measured on points, against formulas in double precision.
 """
@@ -60,13 +60,13 @@ def cases(full: bool) -> list[Case]:
 
 
 def order(rows: Sequence[Row]) -> Mapping[tuple[str, str], float]:
-    """Orders in the size of triangles, texels and angles; storing in 8 bits ends them."""
+    """Returns the orders in the size of triangles, texels and angles; storage in 8 bits has none."""
     fitted = fit_orders(rows, MAIN_ERROR)
     return {line: slope for line, slope in fitted.items() if line[1] in _ORDERS}
 
 
-# Light interpolated from corners is of second order once triangles are smaller than the highlight, where its slope is
-# steeper; the quadrature is measured down to where float32 ends it.
+# Light interpolated from corners is of second order once triangles are smaller than the highlight, and steeper where
+# they begin to be; the quadrature is measured down to the limit of float32.
 _ORDERS = {
     "each vertex": (1.2, 2.4),
     "each pixel": (1.8, 2.4),
@@ -74,12 +74,12 @@ _ORDERS = {
     "blinnPhong": (1.8, 2.2),
     "energyConserving": (1.8, 2.2),
 }
-# 127.5 (n + 1) rounded is off by half a code in each of three components.
+# Rounding 127.5 (n + 1) is off by at most half a code in each of three components.
 _HALF_A_CODE = 3.0**0.5 / 255.0
 
 
 def unexpected(rows: Sequence[Row]) -> list[str]:
-    """What formulas say and the rows do not show."""
+    """Returns a line for each formula that the rows contradict."""
     found = []
     for (problem, method), slope in order(rows).items():
         low, high = _ORDERS[method]
@@ -105,7 +105,7 @@ def unexpected(rows: Sequence[Row]) -> list[str]:
 
 
 def explain(rows: Sequence[Row]) -> str:
-    """How to read the diagram, and what it says."""
+    """Explains how to read the diagram, and what it shows."""
     text = (
         "Each line is a way to shade, and each point a number of triangles, texels or angles: lower is nearer to the "
         "formula in double precision, further left is faster."

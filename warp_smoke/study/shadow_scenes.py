@@ -1,4 +1,4 @@
-"""What surface shadows are measured on: a ball and the Stanford bunny above a plane, and an edge, with their truth."""
+"""Scenes for measuring surface shadows: a ball and the Stanford bunny on a plane, and an edge, with known truth."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -20,21 +20,21 @@ FLOOR = Mesh.grid((-4, 0, 4), (8, 0, 0), (0, 0, -8))
 _ON_FLOOR = np.array([[-4.0, 0.0, -4.0], [4.0, 0.0, 4.0]])
 FLOOR_POINTS = 192  # along a side
 _ON_BUNNY = 20_000
-# A point counts as well lit, or well shadowed, where all of a ball of this radius around the light is seen, or none.
+# A point counts as well lit (or well shadowed) if all (or none) of a ball of this radius around the light is seen.
 _CLEAR_OF_EDGES = 0.1
 _TRUE_RAYS = 256
 
 
 @dataclass(frozen=True, eq=False)
 class ShadowScene:
-    """Casters, a light, points that receive its shadow, and what they should get.
+    """Casters, a light, points that receive its shadow, and the light that they should get.
 
     Attributes:
         casters: what casts the shadow.
-        light: with sharp shadows.
+        light: each measurement sets its filter.
         bounds: lower and upper corner of all points, [2, 3].
         points, normals: on the device, [n] vec3.
-        areas: that each point stands for, zero where it faces away from the light, [n].
+        areas: area that each point stands for, zero where it faces away from the light, [n].
         truth: share of the light that each point should get, [n].
         lit, shadowed: whether a point is well lit or well shadowed, clear of the shadow's edge, [n].
     """
@@ -89,7 +89,7 @@ def sphere_scene(device: str) -> ShadowScene:
 
 @cache
 def edge_scene(device: str) -> ShadowScene:
-    """A half plane midway under a spherical light: a penumbra of known profile."""
+    """A half plane midway between a spherical light and the floor: a penumbra of known profile."""
     light = PointLight(path="/Light", transform=at(0, 3, 0), radius=0.2)
     places = _floor(0.4)
     truth = edge_penumbra(places, np.array([0.0, 3.0, 0.0]), light.radius, 1.5)
@@ -99,7 +99,7 @@ def edge_scene(device: str) -> ShadowScene:
 
 @cache
 def bunny_scene(device: str, kind: str) -> ShadowScene:
-    """The bunny above a plane under a light: `point`, `distant`, both against sharp rays, or `soft`, against many."""
+    """The bunny on a plane under a light: `point` or `distant`, against exact rays, or `soft`, against area rays."""
     light: Light = PointLight(path="/Light", transform=at(1.5, 3.0, 1.2), radius=0.15 if kind == "soft" else 0.05)
     if kind == "distant":
         light = DistantLight(path="/Light", transform=shine((-0.5, -1.0, -0.4)))
@@ -116,7 +116,7 @@ def bunny_scene(device: str, kind: str) -> ShadowScene:
 
 
 def _floor(half: float) -> np.ndarray:
-    """Points of a square around the origin in y = 0, one somewhere in each of its cells, [n, 3]."""
+    """Points of a square around the origin in y = 0, one at random in each of its cells, [n, 3]."""
     places = np.indices((FLOOR_POINTS, FLOOR_POINTS)) + np.random.default_rng(0).random((2, FLOOR_POINTS, FLOOR_POINTS))
     x, z = half * (2.0 * places.reshape(2, -1) / FLOOR_POINTS - 1.0)
     return np.stack([x, np.zeros_like(x), z], axis=1)
@@ -131,7 +131,7 @@ def _scene(
     area: float | np.ndarray,
     truth: np.ndarray | str,
 ) -> ShadowScene:
-    """A scene whose truth is given, or the name of the rays that find it; `area` is that of all points, or of each."""
+    """A scene; `truth` holds shares or names the filter that finds them, `area` is that of all points or of each."""
     launcher = Launcher(device)
     surfaces = tuple(Surface(path=f"/Mesh{n}", mesh=mesh, transform=where) for n, (mesh, where) in enumerate(meshes))
     casters = Casters(launcher, surfaces, np.zeros(3))
@@ -149,7 +149,7 @@ def _scene(
 
     if isinstance(light, DistantLight):
         toward = np.broadcast_to(-light.direction_at(1.0), normals.shape)
-        # As wide, seen from the middle of the set, as the ball around a point light three units away.
+        # As wide, seen from the middle of the set, as that ball around a point light three units away.
         wide = trace("area", angle=float(np.degrees(2.0 * np.arcsin(_CLEAR_OF_EDGES / 3.0))))
     else:
         toward, wide = light.position_at(1.0) - places, trace("area", radius=_CLEAR_OF_EDGES)

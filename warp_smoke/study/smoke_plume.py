@@ -1,4 +1,4 @@
-"""A frame of a plume, simulated anew, and its shadow on a floor by fine rays: what smoke shadows are measured on."""
+"""A freshly simulated frame of a plume, and its shadow on a floor by fine rays: what smoke shadows are measured on."""
 
 from dataclasses import replace
 from functools import cache
@@ -16,7 +16,7 @@ from warp_smoke.shadow.smoke_ray_traced import RayTracedSmokeShadow
 RESOLUTION, FRAMES = 48, 30
 EXTINCTION = 9.0
 ORIGIN = np.zeros(3)
-# Of the rays that are the truth, in cells.
+# Step of the reference rays [cells].
 _FINE_STEP = 0.05
 _FLOOR_POINTS = 128
 
@@ -29,7 +29,7 @@ class PlumeFrame(NamedTuple):
         density: [nx, ny, nz].
         lamp: the light.
         floor: points in y = 0, [n, 3].
-        truth: share of the lamp's light that each of them gets, by fine rays, [n].
+        truth: share of the lamp's light that reaches each floor point, by fine rays, [n].
     """
 
     lattice: Lattice

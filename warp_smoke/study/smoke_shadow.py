@@ -1,7 +1,7 @@
 """Shadows of smoke: closed forms, a plume against fine rays, and energy diffusion against diffusion itself.
 
 Receivers are some ten thousand points behind the smoke; a repeat fills the light buffer and looks all of them up, and
-its time is divided by the smoke's cells, or by the texels where only a buffer is spread.
+its time is divided by the smoke's cells, or by the texels where only a buffer is diffused.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -42,11 +42,11 @@ METHODS = {
 }
 _DIFFUSERS = ("paper", "sweeps", "exact")
 _DIFFUSION = 1.0  # r of the diffused plume
-# Of the spread Gaussian: variance and νt in a unit square.
+# The diffused Gaussian: variance and νt in a unit square.
 _VARIANCE, _SPREAD = 0.0064, 1.0 / 1024.0
 _SQUARES = 129
 _CLOSE = 0.05  # an error that explanations call close
-# By equation (3)'s r: the implicit step is compared after 1, 2, 4, … sweeps, up to this power of two.
+# For each r of equation (3), the implicit step is compared after 1, 2, 4, … sweeps, up to this power of two.
 _SWEEPS = {0.05: 2, 0.25: 4, 1.0: 6, 10.0: 9}
 GAUSSIAN = "Gaussian, diffused"
 
@@ -181,13 +181,13 @@ def _measure_point(r: float, sweeps: int | None, launcher: Launcher, repeats: in
 
 
 def order(rows: Sequence[Row]) -> Mapping[tuple[str, str], float]:
-    """Orders on the problems that have closed forms and smooth answers."""
+    """Returns the orders on the problems with smooth answers in closed form."""
     fitted = fit_orders(rows, MAIN_ERROR)
     return {line: slope for line, slope in fitted.items() if line[0] in ("Gaussian blob", GAUSSIAN)}
 
 
 def unexpected(rows: Sequence[Row]) -> list[str]:
-    """What closed forms say and the rows do not."""
+    """Returns a line for each closed form that the rows contradict."""
     found, slopes = [], order(rows)
     for method in ("march", "gaussian", "footprint", "ray_traced"):
         slope = slopes.get(("Gaussian blob", method), 2.0)
@@ -213,7 +213,7 @@ def unexpected(rows: Sequence[Row]) -> list[str]:
 
 
 def explain(rows: Sequence[Row]) -> str:
-    """How to read the diagram, and what it says."""
+    """Explains how to read the diagram, and what it shows."""
     text = (
         "Each line is a way to find how much light smoke lets through, and each point a size of its grid or buffer: "
         "lower is nearer to the closed form or to fine rays, further left is faster."

@@ -17,23 +17,23 @@ _TIMES = ("median", "quartile_low", "quartile_high", "repeats", "set_up", "ns_pe
 
 
 class Store:
-    """The rows of a folder.
+    """The rows stored in a folder.
 
     Attributes:
         folder: where they are.
-        disclosure: of the machine and the versions that they were measured with.
+        disclosure: of the machine and versions that they were measured with.
         rows: by key.
     """
 
     def __init__(self, folder: Path, disclosure: dict):
-        """Makes the folder, or goes on with what is in it.
+        """Creates the folder, or continues with the results in it.
 
         Args:
             folder: of the study.
             disclosure: of this run.
 
         Raises:
-            FieldError: the folder has results of another machine, version or stage; nothing is changed.
+            FieldError: the folder holds results from another machine, version or stage; nothing is changed.
             OSError: the folder cannot be written.
         """
         self.folder, self.disclosure, self.rows = folder, disclosure, {}
@@ -49,7 +49,7 @@ class Store:
         self._write()
 
     def add(self, row: Row) -> None:
-        """Keeps a row, on disk too."""
+        """Stores a row, in memory and on disk."""
         self.rows[row.key] = row
         self._write()
 
@@ -59,10 +59,10 @@ class Store:
 
 
 def read_results(file: Path) -> tuple[dict, list[Row]]:
-    """What a study has stored: its disclosure and its rows.
+    """Reads what a study has stored: its disclosure and its rows.
 
     Raises:
-        FieldError: the file is no such thing.
+        FieldError: the file does not hold the results of a study.
     """
     try:
         content = json.loads(file.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""The suites by name; a suite's module, and its kernels with it, is imported when it is asked for."""
+"""The suites by name; a suite's module, and its kernels with it, is imported only when needed."""
 
 from importlib import import_module
 
@@ -8,5 +8,5 @@ SUITES = ("advection", "pressure", "flow", "smoke_shadow", "surface_shadow", "sh
 
 
 def load_suite(name: str) -> Suite:
-    """A suite's module."""
+    """Imports a suite's module."""
     return import_module(f"warp_smoke.study.{name}")

@@ -1,4 +1,4 @@
-"""What rows say, for the page and the documentation: effects' costs, passes' times, methods that are not worth it."""
+"""Summaries for the page and the documentation: costs of effects, times of passes, methods not worth using."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -16,8 +16,8 @@ class EffectCost(NamedTuple):
 
     Attributes:
         effect: its name.
-        seconds: that a frame takes less without it [s].
-        share: of a frame with everything.
+        seconds: time that a frame saves without it [s].
+        share: the same as a share of a frame with everything.
         changes: how far the last frame without it is from that with everything, by name of the error.
     """
 
@@ -28,7 +28,7 @@ class EffectCost(NamedTuple):
 
 
 def effect_costs(rows: Sequence[Row]) -> list[EffectCost]:
-    """Of the rows of a stage with everything, which comes first, and without each effect; the most expensive first."""
+    """Returns each effect's cost, most expensive first, from the row with everything and those without one effect."""
     whole, *others = rows
     costs = []
     for row in others:
@@ -39,14 +39,14 @@ def effect_costs(rows: Sequence[Row]) -> list[EffectCost]:
 
 
 def pass_times(row: Row) -> list[tuple[str, float]]:
-    """Names of the passes that count and their time in a frame [s], the longest first."""
+    """Returns the passes that take a noticeable share of a frame, and their times [s], longest first."""
     total = sum(row.passes.values())
     large = [item for item in row.passes.items() if item[1] > _LEAST_SHARE * total]
     return sorted(large, key=lambda item: -item[1])
 
 
 def never_worth(suite: Suite, rows: Sequence[Row]) -> list[str]:
-    """Methods that something beats in both error and time at each of their points, in every panel."""
+    """Returns the methods that are beaten in both error and time at each of their points, in every panel."""
     worth = set()
     for problem, found in by_problem(rows).items():
         worth |= {row.method for row in pareto_front(found, panel_error(suite, problem)[0])}

@@ -1,7 +1,7 @@
 """Shadows of surfaces on surfaces: a ball's disk, the bunny against exact rays, and penumbras.
 
-A repeat traces the shadow map anew and looks up all points, some 37,000 on the floor and 20,000 on the bunny; its time
-is divided by them.
+A repeat renders the shadow map anew and looks up all points, some 37,000 on the floor and 20,000 on the bunny; its
+time is divided by their number.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,7 +39,7 @@ _SCENES = {
     EDGE: edge_scene,
     SOFT: partial(bunny_scene, kind="soft"),
 }
-# LearnOpenGL's constants: 0.05 for cube maps, 0.005 for directional ones, and both together by the slope.
+# LearnOpenGL's constants: 0.05 for cube maps, 0.005 for directional ones, and both combined in a slope bias.
 _BIASES = {
     "auto": {},
     "constant 0.05": {"shadow_bias": 0.05},
@@ -48,7 +48,7 @@ _BIASES = {
     "none": {"shadow_bias": 0.0},
 }
 _SHARP = ("hard", "pcf_grid", "pcf_disk", "pcss")
-# Half-widths of the penumbras on the floor, R (d − b)/b, for filters that are told how soft to be.
+# Half-widths of the penumbras on the floor, R (d − b)/b, for filters whose softness is set.
 _SOFTNESS = {EDGE: 0.2, SOFT: 0.08}
 _RAYS = (16, 64)
 
@@ -113,11 +113,11 @@ def _measure(
 
 
 def shadow_errors(scene: ShadowScene, visible: np.ndarray) -> dict[str, float]:
-    """Area wrongly lit or shadowed, and the parts of it that are acne, or light beneath the caster (detached shadow).
+    """Returns the area wrongly lit or shadowed, acne, light beneath the caster (detached shadow), and error norms.
 
     Args:
         scene: what was shadowed.
-        visible: share of light that was found, [n].
+        visible: share of the light that was computed, [n].
     """
     areas, wrong = scene.areas, np.abs(visible - scene.truth)
     shadow = np.sum(areas * (1.0 - scene.truth))
@@ -133,12 +133,12 @@ def shadow_errors(scene: ShadowScene, visible: np.ndarray) -> dict[str, float]:
 
 
 def order(rows: Sequence[Row]) -> Mapping[tuple[str, str], float]:
-    """Order of the area that hard shadows of the ball get wrong."""
+    """Returns the order of the area that hard shadows of the ball get wrong."""
     return {line: slope for line, slope in fit_orders(rows, MAIN_ERROR).items() if line == (BALL, "hard")}
 
 
 def unexpected(rows: Sequence[Row]) -> list[str]:
-    """What is known of sharp and soft shadows and the rows do not show."""
+    """Returns a line for each known property of sharp and soft shadows that the rows contradict."""
     found = [
         f"{problem}, {method}: the area wrongly classified falls at order {slope:.2f}; it is 1"
         for (problem, method), slope in order(rows).items()
@@ -147,7 +147,7 @@ def unexpected(rows: Sequence[Row]) -> list[str]:
     good = [row for row in rows if row.failure is None]
     for row in good:
         place, wrong = f"{row.problem}, {row.method}, {row.resolution}", row.errors[MAIN_ERROR]
-        # The ball is a polyhedron of 256 segments, which is smaller than the ball by a share of 1.5e-4.
+        # The ball is a polyhedron of 256 segments, which is smaller than the true ball by a share of 1.5e-4.
         if row.problem == BALL and row.method == "exact" and wrong > 2e-3:
             found.append(f"{place}: {wrong:.1e} of the area is wrong; rays are exact")
         if row.problem in (FILTERS, DISTANT) and row.method == "exact" and wrong > 0.0:
@@ -155,14 +155,14 @@ def unexpected(rows: Sequence[Row]) -> list[str]:
         if row.problem == EDGE and row.method == "area" and row.errors["linf"] > 3.0 / row.parameters["rays"]:
             rays = row.parameters["rays"]
             found.append(f"{place}: {row.errors['linf']:.2f} of the light; at most 3 rays in {rays} differ")
-        # Planes are free of it at any size; creases of the bunny that a texel straddles are not.
+        # Planes are free of acne at any map size; creases of the bunny that a texel straddles are not.
         if row.method == "hard, auto" and row.resolution >= 256 and row.errors["acne_area"] > 0.01:
             found.append(f"{place}: {row.errors['acne_area']:.1e} of the lit area is in shadow; auto is free of acne")
     return found
 
 
 def explain(rows: Sequence[Row]) -> str:
-    """How to read the diagram, and what it says."""
+    """Explains how to read the diagram, and what it shows."""
     text = (
         "Each line is a filter or a bias, and each point a map twice as wide as the one before: lower is nearer to the "
         "closed form or to rays, further left is faster."

@@ -1,4 +1,4 @@
-"""Figures in words, for the sentences above the diagrams."""
+"""Numbers in words, for the sentences above the diagrams."""
 
 from collections.abc import Iterable, Sequence
 
@@ -25,7 +25,7 @@ def by_method(rows: Iterable[Row]) -> dict[str, list[Row]]:
 
 
 def best_at(rows: Sequence[Row], error: str) -> tuple[float, str, dict[str, float]]:
-    """Which method of a problem is the fastest at an error that most of them reach.
+    """Finds the fastest method of a problem at an error that at least half of the methods reach.
 
     Times between two points of a line are interpolated on the diagram's logarithmic axes.
 
@@ -44,7 +44,7 @@ def best_at(rows: Sequence[Row], error: str) -> tuple[float, str, dict[str, floa
 
 
 def _descending(points: Sequence[Row], error: str) -> list[tuple[float, float]]:
-    """Error and time of the points of a line that beat all faster ones of it."""
+    """Error and time of those points of a line that beat all faster points on it."""
     kept: list[tuple[float, float]] = []
     for row in sorted(points, key=lambda row: row.median):
         if not kept or row.errors[error] < kept[-1][0]:
@@ -53,12 +53,12 @@ def _descending(points: Sequence[Row], error: str) -> list[tuple[float, float]]:
 
 
 def number(value: float, form: str) -> str:
-    """A number in a format, with a minus sign."""
+    """Formats a number, with a true minus sign."""
     return format(value, form).replace("-", "\N{MINUS SIGN}")
 
 
 def percent(share: float) -> str:
-    """A share in two digits, in percent where that reads well, with its sign."""
+    """Formats a share with two digits, in percent unless it is tiny, with its sign."""
     size, sign = abs(share), "−" if share < 0 else ""
     if 0 < size < 1e-6:
         return f"{sign}{size:.1e}"
@@ -66,7 +66,7 @@ def percent(share: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """A time in three digits, with its sign."""
+    """Formats a time with three digits and its unit, with its sign."""
     size = abs(seconds)
     unit, factor = next((each for each in _UNITS if size >= each[1]), _UNITS[-1])
     return f"{'−' if seconds < 0 else ''}{size / factor:.3g} {unit}"
