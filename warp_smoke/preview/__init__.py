@@ -1,4 +1,4 @@
-"""A look at a stage: the window, and pictures, movies and pages of it; the only part that imports pyvista."""
+"""The preview of a stage: a window, and pictures, movies and pages; the only part that imports pyvista."""
 
 import errno
 import os
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 __all__ = ["live_preview", "preview"]
 
-# Voxels between samples in the window and in pictures. With two and a half a plume differs from one with a sample in
-# each half voxel by 0.5 of 255 (root mean square), and smoke takes half of the time that it does with one.
+# Voxels between samples in the window and in pictures. At 2.5 a plume differs by 0.5 of 255 (root mean square) from
+# one with two samples per voxel, and smoke takes half the time that it takes at 1.
 STEP, STEP_STILL = 2.5, 1.0
-# What a picture's file may end in.
+# Suffixes of picture files.
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 # A picture is drawn this many times larger along each side and averaged.
 SUPERSAMPLES = 2
@@ -48,17 +48,17 @@ def preview(
         frame: shown first, or in the picture; the middle one unless given.
         screenshot: the picture's file; then no window is opened and no display is needed.
         size: width and height [pixels].
-        movie: file of a movie of all frames, .mp4 or .gif; no window either.
-        html: file of a web page with pictures of all frames; no window either.
-        quantity: density, temperature or speed, to show in a cut through the smoke in pictures.
-        marks: of lights, and before a run of domains and emitters, in pictures too; the window has them until `g`.
+        movie: file of a movie of all frames, .mp4 or .gif; opens no window either.
+        html: file of a web page with pictures of all frames; opens no window either.
+        quantity: density, temperature or speed, to show on a slice through the smoke.
+        marks: whether pictures mark lights, and before a run domains and emitters; in the window `g` toggles them.
         on_frame: called for each frame of a movie or page once it is drawn, with its number and how many there are.
 
     Raises:
         ValueError: bad input, or no display to open a window on.
         OSError: a file cannot be read or written.
         KeyboardInterrupt: Ctrl-C; it closes the window.
-        ImportError: a library or program of the system is missing.
+        ImportError: a system library or program is missing.
     """
     from warp_smoke.preview import movie as movies
     from warp_smoke.preview import opengl
@@ -104,11 +104,11 @@ def preview(
 
 
 def live_preview(scene: "Scene", size: tuple[int, int] = (640, 480)) -> "LivePreview":
-    """A window for `run(scene, on_frame=live_preview(scene))`; drawing adds at most a tenth to the run's time.
+    """Opens a window for `run(scene, on_frame=live_preview(scene))`; drawing adds at most a tenth to the run's time.
 
     Raises:
         ValueError: there is no display.
-        ImportError: a library of the system is missing.
+        ImportError: a system library is missing.
     """
     from warp_smoke.preview import opengl
     from warp_smoke.preview.live import LivePreview
@@ -118,7 +118,7 @@ def live_preview(scene: "Scene", size: tuple[int, int] = (640, 480)) -> "LivePre
 
 
 def _check_file(kind: str, file: Path, formats: tuple[str, ...]) -> None:
-    """Refuses, before anything is drawn, a file whose format is not known or whose folder is not there."""
+    """Refuses, before anything is drawn, a file of unknown format or in a folder that does not exist."""
     if file.suffix.lower() not in formats:
         raise ValueError(f"{kind} is {file}; allowed: a name that ends in {', '.join(formats)}")
     if not file.parent.is_dir():
@@ -133,7 +133,7 @@ def _draw(
     quantity: str | None,
     on_frame: Callable[[int, int], None] | None,
 ) -> Iterator[np.ndarray]:
-    """Pictures of some frames, [h, w, 3] uint8 each."""
+    """Yields a picture of each frame, [h, w, 3] uint8."""
     from warp_smoke.preview import opengl
     from warp_smoke.preview.view import StageView
 

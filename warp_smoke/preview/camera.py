@@ -1,4 +1,4 @@
-"""From where a picture is seen: the stage's camera, or a view that frames everything."""
+"""The view of a picture: the stage's camera, or one that frames everything."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class View:
         position: world position of the eye, [3].
         target: a world point in the middle of the picture, [3].
         up: world direction that is up in the picture, [3].
-        angle: of view from bottom to top [degrees].
+        angle: vertical angle of view [degrees].
         shift: of the picture's middle, in halves of its width and height (a camera's aperture offset), [2].
     """
 
@@ -30,7 +30,7 @@ class View:
 
 
 def camera_view(camera: Camera, time: float, aspect: float, distance: float) -> View:
-    """What a camera sees; the whole of its aperture is in the picture, whose other side may show more.
+    """Returns a camera's view; its full aperture is in the picture, which may show more along one side.
 
     Args:
         camera: the camera.
@@ -52,11 +52,11 @@ def camera_view(camera: Camera, time: float, aspect: float, distance: float) -> 
 
 
 def framed_view(lower: np.ndarray, upper: np.ndarray, up: np.ndarray, aspect: float) -> View:
-    """A view from the front, the right and above in which a whole box is seen.
+    """Returns a view from the front, the right and above that shows all of a box.
 
     Args:
         lower: corner of the box in the world, [3].
-        upper: the corner opposite.
+        upper: the opposite corner.
         up: the stage's up axis, [3].
         aspect: the picture's width over its height.
     """
@@ -67,7 +67,7 @@ def framed_view(lower: np.ndarray, upper: np.ndarray, up: np.ndarray, aspect: fl
     lower, upper = np.asarray(lower, float), np.asarray(upper, float)
     target = (lower + upper) / 2
     tangent = np.tan(np.radians(FRAMED_ANGLE / 2))
-    # From this far the corner that needs it most is on the picture's edge.
+    # At this distance the outermost corner lies on the picture's edge.
     offsets = box_corners(lower, upper) - target
     spread = np.maximum(np.abs(offsets @ across) / (tangent * aspect), np.abs(offsets @ upright) / tangent)
     distance = max(float((spread + offsets @ backward).max()), 1e-6)
@@ -80,6 +80,6 @@ def box_corners(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
 
 
 def level_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Right and front, [3] each, for a stage's up axis: +X and +Z where Y is up, +X and −Y where Z is."""
+    """Returns right and front, [3] each, for a stage's up axis: +X and +Z where Y is up, +X and −Y where Z is."""
     right = np.eye(3)[2 if up[0] else 0]
     return right, np.cross(right, up)

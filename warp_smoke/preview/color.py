@@ -1,4 +1,4 @@
-"""Linear RGB and the sRGB bytes of screens and picture files (IEC 61966-2-1)."""
+"""Conversion of linear RGB to the sRGB bytes of screens and picture files (IEC 61966-2-1), and back."""
 
 import numpy as np
 
@@ -19,13 +19,13 @@ _BYTES = np.rint(255 * _CODES).astype(np.uint8)
 
 
 def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
-    """Bytes of sRGB, uint8 of the same shape, from linear values; those outside [0, 1] are clipped."""
+    """Encodes linear values as sRGB bytes, uint8 of the same shape; values outside [0, 1] are clipped."""
     root = np.sqrt(np.clip(linear, 0.0, 1.0))
     return _BYTES[np.rint(_STEPS * root).astype(np.int16)]
 
 
 def encode_light(linear: np.ndarray) -> tuple[np.ndarray, float]:
-    """Codes of sRGB from linear values, of which some may be brighter than white: the curve goes on for them.
+    """Encodes linear values as sRGB codes; the curve is extended to values brighter than white.
 
     Returns:
         Codes, uint16 of the same shape, 0 for values below 0; and the sRGB value that 65535 stands for, at least 1.
@@ -39,7 +39,7 @@ def encode_light(linear: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def expose_light(codes: np.ndarray, brightest: float, stops: float) -> tuple[np.ndarray, float]:
-    """What `encode_light` gives for light that is doubled for each stop."""
+    """Returns what `encode_light` would for the same light doubled for each stop."""
     if stops == 0:
         return codes, brightest
     table, brightest = encode_light(2.0**stops * _decode(np.linspace(0.0, brightest, 65536)))
@@ -47,12 +47,12 @@ def expose_light(codes: np.ndarray, brightest: float, stops: float) -> tuple[np.
 
 
 def to_bytes(codes: np.ndarray) -> np.ndarray:
-    """The nearest codes of 8 bits, uint8, to codes of 8 or 16 bits; the same array if it has them."""
+    """Rounds 8- or 16-bit codes to 8 bits, uint8; returns the same array if it is 8-bit."""
     return codes if codes.dtype == np.uint8 else np.rint(codes / 257.0).astype(np.uint8)
 
 
 def expose_codes(codes: np.ndarray, stops: float) -> np.ndarray:
-    """Bytes of sRGB with their light doubled for each stop; the same array for none."""
+    """Returns sRGB bytes with their light doubled for each stop; the same array for 0 stops."""
     if stops == 0:
         return codes
     return linear_to_srgb(2.0**stops * _decode(np.arange(256) / 255))[codes]

@@ -1,4 +1,4 @@
-"""A mesh of the set in what it wears: its baked light in one piece, or each of its materials in a piece of its own."""
+"""A mesh of the set as it is drawn: with baked light as one piece, or with its materials as one piece for each."""
 
 import numpy as np
 import pyvista as pv
@@ -8,7 +8,7 @@ from warp_smoke.scene import Material, Surface
 
 
 class DressedSurface:
-    """One mesh of the set; VTK draws one material over a mesh, so that it has more actors where it has subsets.
+    """One mesh of the set; VTK draws one material per actor, so a mesh with subsets has several actors.
 
     Attributes:
         surface: the scene's record.
@@ -23,7 +23,7 @@ class DressedSurface:
         self.actors: list[pv.Actor] = [each.actor for each in self._all]
 
     def place(self, time: float) -> None:
-        """Puts the mesh where it is at a time code; what it wears is to be said again."""
+        """Puts the mesh where it is at a time code; call a `show_…` method again afterwards."""
         for each in self._all:
             each.place(time)
 
@@ -38,12 +38,12 @@ class DressedSurface:
         self._whole.show_colors(colors, exposure)
 
     def show_material(self, material: Material, ambient: np.ndarray, exposure: float) -> None:
-        """Draws all of it in one material."""
+        """Draws the whole mesh in one material."""
         self._hide(self._pieces)
         self._whole.show_material(material, ambient, exposure)
 
     def show_own(self, default: Material, ambient: np.ndarray, exposure: float) -> None:
-        """Draws it in its own materials; in a default one where there is none."""
+        """Draws the mesh in its own materials, or in a default one where it has none."""
         if self._pieces:
             self._hide([self._whole])
         for each in self._pieces or [self._whole]:

@@ -1,4 +1,4 @@
-"""Frames loaded in the background, so that the window stays alive, and the last few of them kept."""
+"""Frames loaded in the background, so that the window stays responsive; the last few are kept."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -10,11 +10,11 @@ KEPT = 6
 
 
 class FrameLoader:
-    """Loads frames one after the other in a thread of its own.
+    """Loads frames one after the other in a background thread.
 
     Args:
-        load: reads a frame; it is called from that thread alone.
-        frames: the frames there are.
+        load: reads a frame; it is called only from that thread.
+        frames: numbers of all frames.
     """
 
     def __init__(self, load: Callable[[int], Frame], frames: range):
@@ -23,7 +23,7 @@ class FrameLoader:
         self._futures: OrderedDict[int, Future[Frame]] = OrderedDict()
 
     def request(self, number: int) -> Future[Frame]:
-        """The frame, as soon as it is there; the one after it is loaded next, and what still waits is forgotten."""
+        """Returns the future of a frame; the frame after it is loaded next, and requests still waiting are dropped."""
         for waiting in [key for key, future in self._futures.items() if future.cancel()]:
             del self._futures[waiting]
         future = self._submit(number)
@@ -35,14 +35,14 @@ class FrameLoader:
         return future
 
     def change(self, load: Callable[[int], Frame]) -> None:
-        """Forgets all frames: from here on they are read in another way."""
+        """Forgets all frames; from here on they are read by `load`."""
         for future in self._futures.values():
             future.cancel()
         self._futures.clear()
         self._load = load
 
     def wait(self, seconds: float) -> None:
-        """Waits until all that was asked for is there, but not longer than this."""
+        """Waits until all requested frames are loaded, but no longer than this."""
         wait(self._futures.values(), timeout=seconds)
 
     def _submit(self, number: int) -> Future[Frame]:
@@ -52,5 +52,5 @@ class FrameLoader:
         return self._futures[number]
 
     def close(self) -> None:
-        """Forgets what waits and ends the thread."""
+        """Drops waiting requests and ends the thread."""
         self._pool.shutdown(cancel_futures=True)

@@ -1,4 +1,4 @@
-"""Grids of volume files where a stage puts them."""
+"""Grids of volume files, placed as on the stage."""
 
 import numpy as np
 from pxr import Usd, UsdVol
@@ -6,19 +6,19 @@ from pxr import Usd, UsdVol
 from warp_smoke.lattice import Lattice
 from warp_smoke.vdb import read_vdb
 
-# Voxels coincide where they lie within this share of one.
+# Voxels count as coincident within this share of a voxel.
 _COINCIDENT = 1e-3
 
 
 def vdb_field(volume: Usd.Prim, name: str) -> UsdVol.OpenVDBAsset | None:
-    """A field of a volume, if it comes from a `.vdb` file."""
+    """Returns a field of a volume if it comes from a `.vdb` file, else None."""
     target = UsdVol.Volume(volume).GetFieldPath(name)
     field = UsdVol.OpenVDBAsset(volume.GetStage().GetPrimAtPath(target)) if target else None
     return field if field else None
 
 
 def read_grid(volume: UsdVol.Volume, field: str, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """The values of a volume's field at a frame, and index to world position of its voxels' centres.
+    """Reads a volume's field at a frame: its values, and the matrix from voxel index to world position of the centre.
 
     Raises:
         ValueError: the volume has no such field, or its file no such grid.
@@ -39,7 +39,7 @@ def read_grid(volume: UsdVol.Volume, field: str, number: int) -> tuple[np.ndarra
 
 
 def existing_file(asset: Usd.Attribute, number: int) -> str:
-    """The file that an attribute names at a frame.
+    """Returns the file that an attribute names at a frame.
 
     Raises:
         ValueError: there is none.
@@ -51,7 +51,7 @@ def existing_file(asset: Usd.Attribute, number: int) -> str:
 
 
 def centers_to_world(lattice: Lattice) -> np.ndarray:
-    """Index (i, j, k) of a cell to the world position of its centre, 4 × 4 row-vector matrix, float64."""
+    """Returns the matrix from a cell's index (i, j, k) to its centre's world position, 4 × 4 row-vector, float64."""
     center_of_first = np.eye(4)
     center_of_first[3, :3] = 0.5
     return center_of_first @ lattice.cells_to_world()
@@ -60,9 +60,9 @@ def centers_to_world(lattice: Lattice) -> np.ndarray:
 def lay_over(
     shape: tuple[int, int, int], to_world: np.ndarray, values: np.ndarray, values_to_world: np.ndarray
 ) -> np.ndarray | None:
-    """Values [nx, ny, nz, …] of another grid at the voxels of one with this shape, zero where that ends.
+    """Copies another grid's values [nx, ny, nz, …] to the voxels of a grid of this shape, zero beyond its ends.
 
-    None if the grids' voxels do not coincide.
+    Returns None if the grids' voxels do not coincide.
     """
     between = values_to_world @ np.linalg.inv(to_world)
     first = np.rint(between[3, :3]).astype(int)

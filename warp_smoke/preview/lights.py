@@ -1,7 +1,7 @@
-"""The stage's lights: on the set as VTK's lights, on the smoke as beams.
+"""The stage's lights: VTK lights on the set, beams on the smoke.
 
-Approximate where VTK has no such light: linear falloff becomes a smooth one of equal strength at the start and half way
-to the end, a cone has a hard edge, and no surface shades another. Baked surfaces do not use these lights.
+Where VTK has no such light they are approximate: linear falloff becomes a smooth one of equal strength at the start and
+halfway to the end, a cone has a hard edge, and no surface shadows another. Baked surfaces do not use these lights.
 """
 
 from collections.abc import Iterable
@@ -21,7 +21,7 @@ NEUTRAL_LIGHTS = (((-0.5, -1.0, -0.45), 0.75), ((1.0, -0.3, -0.3), 0.15))
 
 
 def lights_of(scene: Scene) -> tuple[tuple[Light, ...], np.ndarray]:
-    """The lights and the ambient light [3] to see a scene by: neutral ones where the scene has none."""
+    """Returns a scene's lights and ambient light [3], or neutral ones where it has none."""
     if any(light.shines for light in scene.lights) or any(scene.ambient):
         return scene.lights, np.asarray(scene.ambient)
     lights = []
@@ -34,9 +34,9 @@ def lights_of(scene: Scene) -> tuple[tuple[Light, ...], np.ndarray]:
 
 
 def beam_on(light: Light, center: np.ndarray, radius: float, time: float) -> Beam:
-    """A light as parallel rays through smoke around a world point; `direction` is a unit world vector.
+    """Returns a light as parallel rays through smoke around a world point; `direction` is a unit world vector.
 
-    A point light within the radius shines as if it stood at that distance.
+    A point light nearer than the radius has the strength that it would have at that distance.
     """
     strength = np.asarray(light_source(light, np.zeros(3), time).strength)
     if isinstance(light, DistantLight):
@@ -52,16 +52,16 @@ def beam_on(light: Light, center: np.ndarray, radius: float, time: float) -> Bea
 
 
 def _share_of_cone(light: SpotLight, cosine: float) -> float:
-    """The share of a spot light's strength that goes in a direction at an angle to its axis."""
+    """Returns the share of a spot light's strength in a direction at this cosine to its axis."""
     angle, outer = np.arccos(np.clip(cosine, -1.0, 1.0)), np.radians(light.cone_angle)
     inner = (1.0 - light.cone_softness) * outer
     return shape_focus(cosine, light.focus) * shape_cone(float(angle), float(inner), float(outer))
 
 
 def set_lights(plotter: pv.Plotter, lights: Iterable[Light], time: float, exposure: float = 0.0) -> None:
-    """Lights what a plotter draws, in linear light; the exposure is in stops."""
+    """Sets a plotter's lights, in linear light; the exposure is in stops."""
     plotter.remove_all_lights()
-    # Without any light at all VTK makes one itself, or adds a surface's diffuse colour to its ambient colour.
+    # Without any light VTK creates one, or adds a surface's diffuse colour to its ambient colour.
     dark = pv.Light(light_type="scene light")
     dark.SetDiffuseColor(0.0, 0.0, 0.0)
     for light in (dark, *(_vtk_light(light, time, exposure) for light in lights)):
@@ -69,7 +69,7 @@ def set_lights(plotter: pv.Plotter, lights: Iterable[Light], time: float, exposu
 
 
 def _vtk_light(light: Light, time: float, exposure: float) -> pv.Light:
-    """VTK's light of colour B, as `warp_smoke.shading.light_source` defines it."""
+    """Returns a VTK light of colour B, as `warp_smoke.shading.light_source` defines it."""
     strength = 2.0**exposure * np.asarray(light_source(light, np.zeros(3), time).strength)
     lamp = pv.Light(light_type="scene light")
     lamp.SetDiffuseColor(*strength)
@@ -89,7 +89,7 @@ def _vtk_light(light: Light, time: float, exposure: float) -> pv.Light:
 
 
 def _falloff(light: PointLight) -> tuple[float, float, float]:
-    """Three numbers k of the attenuation 1/(k₀ + k₁ d + k₂ d²)."""
+    """Returns the coefficients k of the attenuation 1/(k₀ + k₁ d + k₂ d²)."""
     if light.falloff_model == "polynomial":
         return light.attenuation
     if light.falloff_model == "linear":

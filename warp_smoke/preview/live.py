@@ -1,4 +1,4 @@
-"""A run watched while it works, at a bounded cost: frames that would take too much of its time are not drawn."""
+"""A preview of a run in progress, at a bounded cost: frames that would take too much of its time are not drawn."""
 
 from collections import deque
 from collections.abc import Callable
@@ -12,9 +12,9 @@ from warp_smoke.preview.view import StageView
 from warp_smoke.scene import Scene
 from warp_smoke.simulation import Frame as SimulatedFrame
 
-# Of the time that the run takes without it, what drawing may add.
+# Time that drawing may add, as a share of the run's time without it.
 SHARE = 0.1
-# Voxels between samples: a third of the time that one voxel takes.
+# Voxels between samples: drawing takes a third of the time that it takes with one voxel.
 STEP = 3.0
 REMEMBERED = 4  # drawings
 
@@ -29,8 +29,8 @@ class LivePreview:
 
     Attributes:
         drawn: numbers of the frames that were drawn.
-        spent: time that this took while the run waited [s].
-        closed: whether the window was closed; then nothing more is drawn, and the run goes on.
+        spent: time that the run has waited for drawing [s].
+        closed: whether the window was closed; then nothing more is drawn, and the run continues.
     """
 
     def __init__(self, scene: Scene, plotter: pv.Plotter, clock: Callable[[], float] = perf_counter):
@@ -45,7 +45,7 @@ class LivePreview:
         began = clock()
         self._view.show(self._stage.full_frame())
         plotter.update()
-        # What the next drawing may cost: as much as the slowest of the last ones, on a machine that does other things.
+        # The next drawing may cost as much as the slowest of the last ones, since the machine is busy with other work.
         self._costs = deque([clock() - began], maxlen=REMEMBERED)
         self._view.show(self._stage.empty_frame())
         plotter.update()
@@ -56,7 +56,7 @@ class LivePreview:
     def __call__(self, made: SimulatedFrame) -> None:
         """Draws a frame, unless that would add more than `SHARE` to the time that the run has taken so far.
 
-        A frame that is not drawn still lets the window answer its user, as long as that takes no more either.
+        When a frame is not drawn, the window still handles its events while that limit allows.
         """
         began = self._clock()
         allowed = SHARE * (began - self._began - self.spent)
@@ -78,7 +78,7 @@ class LivePreview:
         self._told_to_close = True
 
     def picture(self) -> np.ndarray:
-        """What is drawn, [h, w, 3] uint8 sRGB, top row first."""
+        """Returns the picture in the window, [h, w, 3] uint8 sRGB, top row first."""
         return self._view.picture()
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ from warp_smoke.simulation import Frame as SimulatedFrame
 
 
 class LiveStage:
-    """A scene as it is drawn while it is simulated; the same attributes as `PreviewStage`."""
+    """A scene as it is drawn while it is simulated, with the attributes of `PreviewStage` that drawing needs."""
 
     def __init__(self, scene: Scene):
         self.scene = scene
@@ -25,16 +25,16 @@ class LiveStage:
         self._colors: dict[str, np.ndarray] = {}
 
     def full_frame(self) -> Frame:
-        """A frame with smoke all over, as slow to draw as any."""
+        """Returns a frame full of smoke, as slow to draw as any."""
         full = {path: np.ones(lattice.shape, np.float32) for path, lattice in self._lattices.items()}
         return self._frame(self.scene.start, full, {})
 
     def empty_frame(self) -> Frame:
-        """A frame without smoke, for the time until one is made."""
+        """Returns a frame without smoke, shown until the first one is simulated."""
         return self._frame(self.scene.start, {}, {})
 
     def frame(self, made: SimulatedFrame) -> Frame:
-        """What was simulated, as it is drawn."""
+        """Returns a simulated frame in the form in which it is drawn."""
         for (path, bake), values in made.pictures.items():
             if bake == "lit":
                 (self._pictures if values.dtype in (np.uint8, np.uint16) else self._colors)[path] = values

@@ -1,4 +1,4 @@
-"""Marks for what has no surface: where lights stand, and before a run also the domains' boxes and the emitters."""
+"""Marks for what has no surface: lights, and before a run also the domains' boxes and the emitters."""
 
 import numpy as np
 import pyvista as pv
@@ -14,12 +14,12 @@ OCTAHEDRON = np.array([(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3
 
 
 def mark_light(light: Light, center: np.ndarray, radius: float, time: float) -> pv.Actor | None:
-    """A small sphere where a light stands, a spot light's with its cone, or a distant one's arrow; None for one off.
+    """Marks a light by a small sphere, a spot light also by its cone, a distant light by an arrow; None if it is off.
 
     Args:
         light: the light.
-        center: world position of what is looked at, [3].
-        radius: its size [stage units].
+        center: world position of the middle of what is shown, [3].
+        radius: radius of what is shown [stage units].
         time: time code.
     """
     strength = np.asarray(light_source(light, np.zeros(3), time).strength)
@@ -39,14 +39,14 @@ def mark_light(light: Light, center: np.ndarray, radius: float, time: float) -> 
 
 
 def mark_domain(domain: SmokeDomain, time: float) -> pv.Actor:
-    """The edges of a domain's box."""
+    """Draws the edges of a domain's box."""
     box = Mesh.box(np.subtract(domain.upper, domain.lower), domain.lower)
     edges = pv.PolyData.from_regular_faces(box.points_at(time), box.triangles).extract_feature_edges(30.0)
     return _wires(edges, domain.transform_at(time), DOMAIN_COLOR, 1.0)
 
 
 def mark_emitter(emitter: Emitter, time: float) -> pv.Actor:
-    """The edges of an emitter's triangles, or of an octahedron in each of its small spheres."""
+    """Draws the edges of an emitter's triangles, or of an octahedron for each of its points."""
     mesh = emitter.mesh
     if isinstance(mesh, Points):
         corners = np.concatenate([np.eye(3), -np.eye(3)])
@@ -74,7 +74,7 @@ def _wires(shape: pv.PolyData, matrix: np.ndarray, color: str, opacity: float) -
     actor = pv.Actor(mapper=pv.DataSetMapper(shape))
     actor.prop.style, actor.prop.color, actor.prop.opacity = "wireframe", color, opacity
     actor.prop.lighting, actor.prop.line_width = False, 2.0
-    # Towards the eye, before the floor that a box stands on.
+    # Moved towards the eye, in front of the floor that a box stands on.
     actor.mapper.resolve = "polygon_offset"
     actor.mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, -8.0)
     actor.user_matrix = matrix.T

@@ -28,9 +28,9 @@ def write_movie(file: Path, pictures: Iterable[np.ndarray], rate: float) -> None
     """Writes a movie.
 
     Args:
-        file: .mp4 (H.264; an odd last row or column is cut off) or .gif (256 colours a frame, times in 1/100 s).
+        file: .mp4 (H.264; an odd last row or column is cut off) or .gif (256 colours per frame, times in 1/100 s).
         pictures: [h, w, 3] uint8 sRGB each, top row first, all of one size.
-        rate: pictures a second.
+        rate: pictures per second.
 
     Raises:
         ImportError: there is no ffmpeg for an .mp4.
@@ -69,7 +69,7 @@ def _write_mp4(file: Path, pictures: Iterator[np.ndarray], rate: float) -> None:
 
 
 def _find_ffmpeg() -> str:
-    """The system's ffmpeg, or else the one that the package imageio-ffmpeg brings."""
+    """Returns the system's ffmpeg, or else the one in the package imageio-ffmpeg."""
     found = shutil.which("ffmpeg")
     if found:
         return found

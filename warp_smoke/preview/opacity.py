@@ -13,7 +13,7 @@ def plain_opacity(material: Material) -> float:
 
 
 def read_opacity(material: Material) -> np.ndarray:
-    """What a material's opacity texture says, [h, w] float32 in 0 to 1; top row first.
+    """Reads a material's opacity texture, [h, w] float32 in 0 to 1; top row first.
 
     Raises:
         OSError: the texture cannot be read.
@@ -25,7 +25,7 @@ def read_opacity(material: Material) -> np.ndarray:
 
 
 def lie_alike(a: Texture, b: Texture) -> bool:
-    """Whether two textures lie over a surface in the same way."""
+    """Returns whether two textures are placed on a surface in the same way."""
     return all(
         getattr(a, name) == getattr(b, name)
         for name in ("wrap_s", "wrap_t", "uv_scale", "uv_rotation", "uv_translation")
@@ -33,12 +33,12 @@ def lie_alike(a: Texture, b: Texture) -> bool:
 
 
 def with_alpha(pixels: np.ndarray, opacity: np.ndarray) -> np.ndarray:
-    """Colours [h, w, 3] uint8 with an opacity [m, n] for alpha, stretched over them: [h, w, 4] uint8."""
+    """Returns colours [h, w, 3] uint8 with an opacity [m, n], resized to them, as alpha: [h, w, 4] uint8."""
     height, width = pixels.shape[:2]
     alpha = Image.fromarray((255 * opacity + 0.5).astype(np.uint8))
     return np.dstack([pixels, np.asarray(alpha.resize((width, height), Image.Resampling.BILINEAR))])
 
 
 def _cut(opacity: np.ndarray, threshold: float) -> np.ndarray:
-    """Nothing and all where there is a threshold."""
+    """Makes the opacity 0 or 1 where there is a threshold."""
     return np.where(opacity >= threshold, np.float32(1.0), np.float32(0.0)) if threshold else opacity

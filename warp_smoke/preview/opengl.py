@@ -1,7 +1,7 @@
-"""What VTK needs from the system to draw, checked before VTK is asked: it crashes where a library is missing.
+"""The system libraries that VTK draws with, checked before VTK is used: it crashes where one is missing.
 
 On Linux, VTK's wheel opens libEGL to draw without a display, and libX11 and libGL to draw in a window. On macOS and
-Windows they are parts of the system.
+Windows what it needs is part of the system.
 """
 
 import ctypes
@@ -20,7 +20,7 @@ _WINDOW_PACKAGES = "libgl1 libx11-6"
 
 
 def open_off_screen(size: tuple[int, int]) -> Plotter:
-    """A plotter without a window, display or not, and without antialiasing.
+    """Opens a plotter without a window or antialiasing, with or without a display.
 
     Raises:
         ImportError: a system library or driver is missing.
@@ -37,7 +37,7 @@ def open_off_screen(size: tuple[int, int]) -> Plotter:
 
 
 def open_window(size: tuple[int, int], title: str) -> Plotter:
-    """A plotter in a window with a title.
+    """Opens a plotter in a window with a title.
 
     Raises:
         ValueError: there is no display.
@@ -50,7 +50,7 @@ def open_window(size: tuple[int, int], title: str) -> Plotter:
 
 @contextmanager
 def _off_screen_window() -> Iterator[None]:
-    """Within, VTK makes windows with EGL. Left to itself it looks for a display first, and crashes without libX11."""
+    """Makes VTK open windows with EGL. By default it looks for a display first, and crashes without libX11."""
     before, verbosity = os.environ.get(_CHOICE), vtkLogger.GetCurrentVerbosityCutoff()
     os.environ[_CHOICE] = "vtkEGLRenderWindow"
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)

@@ -1,4 +1,4 @@
-"""What lies over the picture in a window: lines of text and sliders."""
+"""The overlay of a window: lines of text and sliders."""
 
 from collections.abc import Callable
 from textwrap import fill
@@ -8,8 +8,8 @@ import pyvista as pv
 from warp_smoke.preview.view import TEXT_COLOR
 
 ERROR_COLOR = "#ff8f7a"
-CHARACTER = 10  # width of one, and a little [pixels]
-LEAST_WIDTH = 40  # of a message, also in a window that is too narrow for it [characters]
+CHARACTER = 10  # width of a character, with some room [pixels]
+LEAST_WIDTH = 40  # of a message, even in a window that is too narrow for it [characters]
 HELP = """space        play, pause
 left, right  a frame back, on
 home, end    first, last frame
@@ -30,21 +30,21 @@ mouse        left turns, middle moves, wheel zooms"""
 
 
 class Overlay:
-    """Text and sliders over what a plotter draws; whoever adds them renders."""
+    """Text and sliders over what a plotter draws; the caller renders after a change."""
 
     def __init__(self, plotter: pv.Plotter):
         self._plotter = plotter
 
     def hint(self, text: str) -> None:
-        """Says something in a line at the top."""
+        """Shows a line of text at the top."""
         self._say("hint", text, (0.01, 0.99))
 
     def help(self, shown: bool) -> None:
-        """Shows what the keys do, or no longer."""
+        """Shows or hides what the keys do."""
         self._say("help", HELP if shown else "", (0.02, 0.9))
 
     def error(self, message: str) -> None:
-        """Says what went wrong; nothing if it is empty."""
+        """Shows an error message; an empty one removes it."""
         width = 0.96 * self._plotter.window_size[0]
         self._say("error", fill(message, max(int(width / CHARACTER), LEAST_WIDTH)), (0.02, 0.91), ERROR_COLOR)
 
@@ -67,10 +67,10 @@ class Overlay:
         """Adds a slider at the bottom.
 
         Args:
-            act: called with each value that it is dragged to.
+            act: called with each value that the slider is dragged to.
             limits: least and greatest value.
-            value: at first.
-            ends: of the slider, shares of the window's width.
+            value: initial value.
+            ends: of the slider, as shares of the window's width.
             title: above it.
             shown_as: format of its value.
 
@@ -94,5 +94,5 @@ class Overlay:
         )
 
     def remove_sliders(self) -> None:
-        """Takes all sliders away."""
+        """Removes all sliders."""
         self._plotter.clear_slider_widgets()

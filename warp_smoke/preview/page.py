@@ -1,6 +1,6 @@
 """Pictures as a web page: one file with all frames in it as JPEG, which any browser plays without a server.
 
-It shows pictures, not the stage: nothing can be turned.
+It shows pictures, not the stage: the view cannot be rotated.
 """
 
 from base64 import b64encode
@@ -76,7 +76,7 @@ def write_page(file: Path, pictures: Iterable[np.ndarray], frames: Iterable[int]
         file: the `.html` file.
         pictures: [h, w, 3] uint8 sRGB each, top row first.
         frames: number of each.
-        rate: pictures a second.
+        rate: pictures per second.
         title: of the page.
 
     Raises:

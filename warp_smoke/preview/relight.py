@@ -1,7 +1,7 @@
-"""Baked light made anew, with some of the lights off or without shadows.
+"""Baked light recomputed with some of the lights off or without shadows.
 
-A shadow cannot be taken out of a baked texture. So the package's own bake runs again for the frame that is shown, on
-the CPU, with the stage's materials, the texture's size, and the smoke of the volume files; no fluid is simulated.
+A shadow cannot be removed from a baked texture. So the package's bake runs again for the frame that is shown, on the
+CPU, with the stage's materials, the texture's size, and the smoke of the volume files; no fluid is simulated.
 """
 
 from collections.abc import Mapping
@@ -18,17 +18,17 @@ from warp_smoke.preview.grids import centers_to_world, lay_over
 from warp_smoke.scene import Receiver, Scene, SmokeDomain, Surface
 from warp_smoke.timing import Timings
 
-# Density of each domain at its voxels, and index to world position of their centres.
+# Density of each domain at its voxels, and the matrix from voxel index to world position of the centre.
 Densities = Mapping[str, tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
 class Switches:
-    """What of the light is on.
+    """Which light and shadows are on.
 
     Attributes:
         off: paths of the lights that do not shine.
-        shadows: whether surfaces and smoke shadow surfaces; smoke is shaded in any case.
+        shadows: whether surfaces and smoke shadow surfaces; smoke is always shadowed.
     """
 
     off: frozenset[str] = frozenset()
@@ -39,18 +39,18 @@ class Relighting:
     """Bakes of a stage under other light.
 
     Attributes:
-        pictures: what was baked last by the path of its surface, sRGB [h, w, 3 or 4], or linear RGB at points [n, 3];
-            the same arrays while nothing changes.
+        pictures: the latest bakes by surface path, sRGB [h, w, 3 or 4], or linear RGB at points [n, 3]; the same arrays
+            while nothing changes.
     """
 
     def __init__(self, scene: Scene, sizes: Mapping[str, int], densities: Densities, switches: Switches):
         """Plans the bakes and loads their kernels.
 
         Args:
-            scene: what is on the stage, in its own look.
+            scene: what is on the stage, with its original materials.
             sizes: texels along a side, by the path of each baked surface.
             densities: of any frame.
-            switches: which of the light is on.
+            switches: which light and shadows are on.
         """
         lit = replace(
             scene,
@@ -72,11 +72,11 @@ class Relighting:
         self.pictures: dict[str, np.ndarray] = {}
 
     def update(self, number: int, densities: Densities) -> dict[str, np.ndarray]:
-        """Brings the pictures to a frame.
+        """Updates the pictures to a frame.
 
         Returns:
-            What the smoke of each domain scatters at its voxels, linear RGB [nx, ny, nz, 3]; of those whose grid
-            `light` the stage asks for.
+            The light that each domain's smoke scatters at its voxels, linear RGB [nx, ny, nz, 3], for domains with a
+            grid `light` on the stage.
 
         Raises:
             ValueError: a volume's voxels are not where its domain's cells are.
@@ -95,7 +95,7 @@ class Relighting:
 
 
 def _receiving(surface: Surface, size: int | None, shadows: bool) -> Surface:
-    """A surface whose light is baked at this size, with shadows or without, or not at all."""
+    """Returns a surface with its light baked at this size, with or without shadows, or not at all."""
     if size is None:
         return replace(surface, receiver=None)
     receiver = replace(surface.receiver or Receiver(path=surface.path), bake=("lit",), texture_size=size)
@@ -105,7 +105,7 @@ def _receiving(surface: Surface, size: int | None, shadows: bool) -> Surface:
 
 
 def _refined(scene: Scene, domain: SmokeDomain, densities: Densities) -> SmokeDomain:
-    """A domain with the resolution that it was simulated at, which a run may choose."""
+    """Returns a domain with the resolution that it was simulated at, which a run may have chosen."""
     if domain.path not in densities:
         return domain
     _, to_world = densities[domain.path]
@@ -114,7 +114,7 @@ def _refined(scene: Scene, domain: SmokeDomain, densities: Densities) -> SmokeDo
 
 
 def _in_cells(path: str, lattice: Lattice, density: np.ndarray, to_world: np.ndarray) -> np.ndarray:
-    """A volume's density in all of its domain's cells, [nx, ny, nz] float32."""
+    """Returns a volume's density in all of its domain's cells, [nx, ny, nz] float32."""
     laid = lay_over(lattice.shape, centers_to_world(lattice), density, to_world)
     if laid is None:
         raise ValueError(f"{path}: the voxels of its volume are not its cells, so its shadow cannot be made anew")
