@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 import warp as wp
+from hypothesis import given
+from hypothesis import strategies as st
 
 from warp_smoke.geometry import Mesh
 from warp_smoke.launch import Launcher
 from warp_smoke.record import Samples
 from warp_smoke.scene import Receiver, Surface
-from warp_smoke.shading.texel_picture import DILATION, spread_texels
+from warp_smoke.shading.texel_picture import spread_texels
 from warp_smoke.shading.texels import TexelMap
 
 ORIGIN = np.zeros(3)
@@ -115,7 +117,7 @@ def test_moves_only_with_the_surface(device):
 
 
 def test_color_picture(launcher):
-    """Values land in their texels, encoded as sRGB, the first row at v = 1; the background is black."""
+    """Values land in their texels, encoded as sRGB, the first row at v = 1; the nearest go on from there."""
     mesh = Mesh.grid((0, 0, 0), (1, 0, 0), (0, 1, 0))
     uvs = mesh.uvs * 0.25 + np.float32([0.0, 0.75])  # the upper left quarter of each side
     texels = TexelMap(launcher, receiver(Mesh(mesh.points, mesh.triangles, uvs=uvs), 32), ORIGIN)
@@ -128,9 +130,9 @@ def test_color_picture(launcher):
     heights = 1 - (np.arange(8) + 0.5) / 8
     encoded = np.round(255 * (1.055 * heights ** (1 / 2.4) - 0.055))
     np.testing.assert_array_equal(picture[:8, :8, 1], np.repeat(encoded[:, None], 8, axis=1))
-    np.testing.assert_array_equal(picture[:12, :12, 2], 255)
-    assert np.all(picture[12:] == 0)
-    assert np.all(picture[:, 12:] == 0)
+    assert np.all(picture[..., 2] == 255)
+    np.testing.assert_array_equal(picture[8:, :8, 1], picture[7, 0, 1])
+    np.testing.assert_array_equal(picture[:8, 8:, 1], np.repeat(picture[:8, 7:8, 1], 24, axis=1))
 
 
 def test_share_picture(launcher):
@@ -151,19 +153,26 @@ def test_pictures_are_not_overwritten(launcher):
     assert not first.any()
 
 
-def test_seams_grow_by_four_texels():
-    """A single texel grows to 9 × 9, all showing it; a chart grows by exactly DILATION on each side."""
-    assert DILATION == 4
-    alone = spread_texels(np.array([10 * 21 + 10]), 21).reshape(21, 21)
-    expected = np.full((21, 21), -1)
-    expected[6:15, 6:15] = 0
-    np.testing.assert_array_equal(alone, expected)
+def test_charts_grow_all_over_the_picture():
+    """No place keeps the background, which coarser levels of a texture would mix in; each side continues its texel."""
+    alone = spread_texels(np.array([10 * 21 + 10]), 21)
+    np.testing.assert_array_equal(alone, 0)
     block = (np.arange(8, 12)[:, None] * 20 + np.arange(8, 12)).ravel()
     grown = spread_texels(block, 20).reshape(20, 20)
-    assert np.argwhere(grown >= 0).min() == 4
-    assert np.argwhere(grown >= 0).max() == 15
-    np.testing.assert_array_equal(grown[9, 4:8], grown[9, 8])  # each side continues its nearest texel
-    np.testing.assert_array_equal(grown[4:8, 10], grown[8, 10])
+    np.testing.assert_array_equal(grown[8:12, 8:12].ravel(), np.arange(16))
+    np.testing.assert_array_equal(grown[9, :8], grown[9, 8])
+    np.testing.assert_array_equal(grown[12:, 10], grown[11, 10])
+    np.testing.assert_array_equal(grown[:8, :8], grown[8, 8])
+
+
+@given(st.integers(1, 9), st.data())
+def test_places_show_the_nearest_texel(size, data):
+    """None of the texels is nearer to a place than the one that it shows."""
+    texel = np.array(sorted(data.draw(st.sets(st.integers(0, size**2 - 1), min_size=1))))
+    row, column = np.divmod(np.arange(size**2), size)
+    distances = np.hypot(row[:, None] - row[texel], column[:, None] - column[texel])
+    shown = spread_texels(texel, size)
+    np.testing.assert_array_equal(distances[np.arange(size**2), shown], distances.min(axis=1))
 
 
 def test_seams_meet_in_the_middle():

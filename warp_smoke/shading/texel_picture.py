@@ -1,17 +1,16 @@
-"""Pictures made of values at texels: encoded, with charts grown over their borders."""
+"""Pictures made of values at texels: encoded, with charts grown until they meet."""
 
 from typing import Any
 
 import numpy as np
 import warp as wp
+from scipy.ndimage import distance_transform_edt
 
 from warp_smoke.launch import Launcher, Rows
 from warp_smoke.shading.normal_map import encode_normals
 from warp_smoke.shading.srgb import SrgbTable, encode_srgb, make_srgb_table
 
 wp.set_module_options({"enable_backward": False})
-
-DILATION = 4  # texels that a chart grows, so that filtered lookups at its border do not see the background
 
 
 class TexelPicture:
@@ -80,24 +79,22 @@ class Change:
 
 
 def spread_texels(texel: np.ndarray, size: int) -> np.ndarray:
-    """Which of the texels each place of a picture shows, [size²] int32: −1 where none is within `DILATION` places.
+    """Which of the texels each place of a picture shows, [size²] int32: the nearest one, −1 where there is none at all.
+
+    So charts grow until they meet: lookups at their borders, and coarser levels of a texture, see no background.
 
     Args:
         texel: row · size + column of each texel, [n].
         size: texels along a side.
     """
-    source = np.full((size + 2, size + 2), -1, np.int32)  # with a frame, which stays empty
-    inner = source[1:-1, 1:-1]
-    inner.flat[texel] = np.arange(len(texel), dtype=np.int32)
-    for _ in range(DILATION):
-        before = source.copy()
-        # Side by side first, so that a place takes the nearer neighbour.
-        for row, column in ((0, 1), (1, 0), (1, 2), (2, 1), (0, 0), (0, 2), (2, 0), (2, 2)):
-            empty = inner < 0
-            if not empty.any():
-                return inner.ravel()
-            inner[empty] = before[row : row + size, column : column + size][empty]
-    return inner.ravel()
+    source = np.full(size**2, -1, np.int32)
+    source[texel] = np.arange(len(texel), dtype=np.int32)
+    empty = source < 0
+    if not len(texel) or not empty.any():
+        return source
+    shape = (size, size)
+    row, column = distance_transform_edt(empty.reshape(shape), return_distances=False, return_indices=True)
+    return source.reshape(shape)[row, column].ravel()
 
 
 @wp.func

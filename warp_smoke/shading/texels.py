@@ -88,7 +88,7 @@ class TexelMap:
         return True
 
     def color_picture(self, name: str, colors: wp.array, change: Change | None = None) -> np.ndarray:
-        """Linear RGB of texels, vec3, as an sRGB picture, [size, size, 3]; black where no surface is.
+        """Linear RGB of texels, vec3, as an sRGB picture, [size, size, 3]; between charts as at the nearest texel.
 
         Args:
             name: of the picture, which keeps what does not change.
@@ -106,7 +106,7 @@ class TexelMap:
         return self._squared(self.picture.shares(name, shares, change or self.picture.whole))
 
     def direction_picture(self, directions: wp.array) -> np.ndarray:
-        """Unit vectors of all texels, [n] vec3, as codes of ½ (n + 1), [size, size, 3]; 0 without a surface."""
+        """Unit vectors of all texels, [n] vec3, as codes of ½ (n + 1), [size, size, 3]; else as `color_picture`."""
         return self._squared(self.picture.directions(directions))
 
     def _squared(self, codes: np.ndarray) -> np.ndarray:
