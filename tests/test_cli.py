@@ -58,7 +58,7 @@ def test_materials_for_the_smoke(warp_smoke, tmp_path):
     assert status == 0
     assert "info(s)" in out
     assert "error" not in out
-    assert out.startswith("The layers over it that the run wrote:\n")
+    assert out.startswith("The layers that the run wrote over it:\n")
     status, _, err = warp_smoke("run", stage, "--volume-shader", "mantra")
     assert status == 2
     assert "karma" in err

@@ -94,7 +94,7 @@ def test_stops_between_frames(shot, out, number):
     frame = read_checkpoint(out / "shot.checkpoint").frame
     assert lines == [
         "Stopping after the current frame; a second signal stops at once.",
-        f"Stopped after frame {frame} of 24; --resume goes on from there.",
+        f"Stopped after frame {frame} of 24; --resume continues from there.",
     ]
     assert len(list((out / "volumes").iterdir())) == frame >= 4
     assert Usd.Stage.Open(str(out / "shot.usda")).GetEndTimeCode() == frame

@@ -1,6 +1,6 @@
-"""The command line: arguments in, calls out; one file for each command.
+"""The command line: turns arguments into calls, with one file for each command.
 
-Exit status 0 done, 2 bad input (one line), 1 failed, 130 stopped by Ctrl-C, 143 by SIGTERM.
+Exit status: 0 done, 1 failed, 2 bad input (one line), 130 stopped by Ctrl-C, 143 by SIGTERM.
 """
 
 import os
@@ -49,14 +49,14 @@ def main() -> None:
     """Entry point of `warp-smoke`."""
     try:
         status = app(sys.argv[1:], exit_on_error=False, print_error=False)
-    except BrokenPipeError:  # whoever reads the output has seen enough
+    except BrokenPipeError:  # the reader has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
     except _FAILED as error:
         err.print(f"[red]error[/red] {escape(_one_line(error))}", soft_wrap=True, markup=True, highlight=False)
         status = 2 if isinstance(error, _BAD_INPUT) else 1
     except KeyboardInterrupt as stop:
-        err.print(f"{stop}; --resume goes on from there." if isinstance(stop, Interrupted) else "Stopped.")
+        err.print(f"{stop}; --resume continues from there." if isinstance(stop, Interrupted) else "Stopped.")
         status = 128 + getattr(stop, "signal", signal.SIGINT)
     sys.exit(status or 0)
 

@@ -1,4 +1,4 @@
-"""What the commands print: results on standard output, all else on standard error."""
+"""What the commands print: results on standard output, everything else on standard error."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -13,27 +13,27 @@ if TYPE_CHECKING:
 
     from warp_smoke.study.case import Row
 
-# Names and values are printed as they are: what a stage calls :bone: is no picture of one.
+# Names and values are printed verbatim: a prim named :bone: does not become an emoji.
 out, err = (Console(stderr=stderr, markup=False, emoji=False) for stderr in (False, True))
 
-# In a log, where no bar can move, a line says now and then how far a command is.
+# In a log, which cannot show a progress bar, a line now and then reports progress.
 _SECONDS_BETWEEN_LINES = 10
 
 
 def warn(warnings: Iterable[str]) -> None:
-    """Prints warnings, a line each."""
+    """Prints warnings, one a line."""
     for warning in warnings:
         err.print(f"[yellow]warning[/yellow] {escape(warning)}", soft_wrap=True, markup=True, highlight=False)
 
 
 def say_written(files: Iterable[Path]) -> None:
-    """Names the files that a command has written."""
+    """Prints the files that a command has written."""
     for file in files:
         out.print(f"Wrote {file}", soft_wrap=True, highlight=False)
 
 
 def progress_bar() -> "Progress":
-    """A line on the terminal that tells how far a command is; nothing where there is no terminal."""
+    """Returns a progress bar on the terminal; it shows nothing if there is no terminal."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
@@ -41,7 +41,7 @@ def progress_bar() -> "Progress":
 
 
 class SlowLines:
-    """Lines for a log, where there is no bar: one every ten seconds at most."""
+    """Progress lines for a log, which has no bar: at most one every ten seconds."""
 
     def __init__(self, bar: "Progress"):
         self._wanted, self._said = bar.disable, monotonic()
@@ -54,7 +54,7 @@ class SlowLines:
 
 
 def say_rows(bar: "Progress") -> Callable[["Row", int, int], None]:
-    """Shows how far a study is: for each row, its number and their count."""
+    """Returns a function that shows a study's progress, given each row, its number and the count of rows."""
     task = bar.add_task("Measuring (kernels are compiled on first use)", total=None)
     lines = SlowLines(bar)
 

@@ -1,4 +1,4 @@
-"""`warp-smoke info`: what the package runs on here."""
+"""`warp-smoke info`: what the package runs on."""
 
 import json
 
@@ -7,7 +7,7 @@ from warp_smoke.cli.options import Json
 
 
 def info(*, as_json: Json = False):
-    """Print versions, devices, threads and the kernel cache's folder.
+    """Print versions, devices, threads and the folder of the kernel cache.
 
     Args:
         as_json: Print as JSON.

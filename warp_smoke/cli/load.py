@@ -1,11 +1,11 @@
-"""Loading what a command needs, quickly."""
+"""Fast loading of the modules that a command needs."""
 
 import gc
 from importlib import import_module
 
 
 def load(*modules: str) -> None:
-    """Imports modules; what they make stays, so that nothing of it is looked through for garbage, which costs 0.1 s."""
+    """Imports modules and exempts their objects, which stay anyway, from garbage collection; that saves 0.1 s."""
     gc.disable()
     try:
         for name in modules:

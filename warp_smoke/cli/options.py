@@ -1,4 +1,4 @@
-"""Options that several commands have, and groups of those that belong together; cyclopts flattens the groups."""
+"""Options shared by several commands, and groups of related options, which cyclopts flattens."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,10 +15,10 @@ Json = Annotated[bool, Parameter(name="--json")]
 @Parameter(name="*")
 @dataclass(frozen=True)
 class SceneOptions:
-    """What a command changes in a stage's scene.
+    """The changes that a command makes to a stage's scene.
 
     Attributes:
-        frames: First and last frame as A:B; the stage's unless given.
+        frames: First and last frame as A:B, or one frame as A; the stage's unless given.
         resolution: Cells along the longest side of every domain, instead of the stage's.
         bake_all: Bake every visible mesh, not only those with SmokeReceiverAPI.
     """
@@ -28,8 +28,8 @@ class SceneOptions:
     bake_all: bool = False
 
     def open(self, stage: Path) -> "warp_smoke.Scene":
-        """The scene of a stage with these changes."""
-        from warp_smoke.usd.probe import check_readable  # loads USD, which --help does without
+        """Returns the scene of a stage with these changes applied."""
+        from warp_smoke.usd.probe import check_readable  # loads USD, which --help does not need
 
         check_readable(stage)
         scene = warp_smoke.Scene.open(stage)
@@ -51,11 +51,11 @@ class SceneOptions:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class DeviceOptions:
-    """Where a command computes.
+    """Where a command runs.
 
     Attributes:
         device: cpu, cuda or cuda:N.
-        threads: CPU threads; all unless given.
+        threads: Number of CPU threads; all unless given.
     """
 
     device: str = "cpu"
@@ -63,7 +63,7 @@ class DeviceOptions:
 
 
 def picture_size(text: str) -> tuple[int, int]:
-    """Width and height of a picture."""
+    """Parses a picture's size, WIDTHxHEIGHT, into its width and height."""
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 8192 and 0 < int(height) <= 8192):
         raise ValueError(f"--size is {text}; allowed: WIDTHxHEIGHT, 1 to 8192 pixels each")
@@ -71,7 +71,7 @@ def picture_size(text: str) -> tuple[int, int]:
 
 
 def _baked(surface: "warp_smoke.Surface") -> "warp_smoke.Surface":
-    """The surface as a receiver, if it can be one."""
+    """Returns the surface as a receiver if it can be one, else unchanged."""
     if surface.receiver or not surface.holds_bakes:
         return surface
     return replace(surface, receiver=warp_smoke.Receiver(path=surface.path))

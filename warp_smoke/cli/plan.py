@@ -1,4 +1,4 @@
-"""`warp-smoke plan`: which passes a stage calls for, and why."""
+"""`warp-smoke plan`: which passes a stage needs, and why."""
 
 import json
 from collections.abc import Iterable
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 def plan(
     stage: Path, *, scene_options: SceneOptions = SceneOptions(), quality: str | None = None, as_json: Json = False
 ):
-    """Show which passes STAGE calls for, in order, and why the others do not run; nothing is simulated.
+    """Show which passes STAGE needs, in order, and why the others do not run; nothing is simulated.
 
     Args:
         stage: The USD stage.
-        scene_options: What is changed in the stage's scene.
-        quality: draft, preview or final: measured settings for all that the stage leaves open.
+        scene_options: Changes to the stage's scene.
+        quality: draft, preview or final: measured settings for everything that the stage leaves open.
         as_json: Print the plan as JSON.
     """
     from warp_smoke.launch import Launcher
@@ -72,14 +72,14 @@ def _left_out(made: "warp_smoke.Plan") -> "Table":
 
 
 def _table(*columns: str, **options: str) -> "Table":
-    """A table that breaks what is too long for a line, and cuts nothing."""
+    """Returns a table that wraps long cells and truncates nothing."""
     from rich.table import Column, Table
 
     return Table(*(Column(name, overflow="fold") for name in columns), **options)
 
 
 def _list(places: Iterable[tuple[str, ...]]) -> str:
-    """Places that share a row, a line for each that comes first, with all that it is paired with."""
+    """Returns the subjects in a row as lines: one for each first path, with all the paths paired with it."""
     found: dict[str, list[str]] = {}
     for first, *others in filter(None, places):
         found.setdefault(first, []).extend([" × ".join(others)] * bool(others))

@@ -1,4 +1,4 @@
-"""`warp-smoke preview`: a stage or results to look at."""
+"""`warp-smoke preview`: a look at a stage or at results."""
 
 from pathlib import Path
 
@@ -23,13 +23,13 @@ def preview(
 
     Args:
         path: A USD stage or a folder written by `run`.
-        frame: Frame to start with; the middle one unless given.
+        frame: Frame to show first; the middle one unless given.
         screenshot: Save a picture here instead of opening a window.
         movie: Save all frames as a movie here instead: .mp4 (needs ffmpeg or the package imageio-ffmpeg) or .gif.
-        html: Save all frames here instead, as pictures in one web page that plays them in any browser.
-        show: density, temperature or speed: a cut through the smoke in colours, with a bar, instead of the smoke.
-        marks: Mark lights, and before a run domains and emitters, in saved pictures too; the window marks them until
-            g is pressed.
+        html: Save all frames here instead, as pictures in one web page that plays in any browser.
+        show: density, temperature or speed: a coloured cut through the smoke, with a colour bar, instead of the smoke.
+        marks: Mark lights, and before a run domains and emitters, in saved pictures too; the window marks them anyway,
+            until g is pressed.
         size: Width and height in pixels.
     """
     from warp_smoke.usd.probe import check_readable

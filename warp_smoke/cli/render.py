@@ -28,13 +28,13 @@ def render(
 
     Args:
         path: A USD stage, whose smoke is simulated up to the frame, or a folder written by `run`, whose smoke is read.
-        output: The PNG file.
-        frame: The frame; the middle one unless given.
+        output: The PNG file to write.
+        frame: The frame to render; the middle one unless given.
         size: Width and height in pixels.
         quality: draft, preview or final: measured settings for the samples, and for smoke that has to be simulated.
-        samples: Rays along each side of a pixel; 2, or those of the quality, unless given.
-        shading: Light for each pixel, or for each vertex.
-        device: Where it is computed.
+        samples: Rays along each side of a pixel; 2, or the quality's number, unless given.
+        shading: pixel or vertex: where lighting is computed.
+        device: Where it runs.
     """
     load("warp_smoke.picture", "warp_smoke.usd.own_look", "warp_smoke.usd.read_volume")
     from warp_smoke.usd.probe import check_readable

@@ -1,4 +1,4 @@
-"""`warp-smoke run`: the whole way from a stage to a finished stage."""
+"""`warp-smoke run`: from a stage to a finished stage with smoke and baked lighting."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class ChoiceOptions:
-    """What chooses the settings that a stage leaves open; at most one of them.
+    """Ways to choose the settings that a stage leaves open; at most one may be given.
 
     Attributes:
-        quality: draft, preview or final: measured settings for all that the stage leaves open.
-        max_error: Choose the fastest resolution and scheme within this error: relative L2 of the density, or rms of
+        quality: draft, preview or final: measured settings for everything that the stage leaves open.
+        max_error: Choose the fastest resolution and scheme within this error: relative L2 of the density, or RMS of
             the bakes.
-        budget: Choose the most exact resolution and scheme whose frames take no longer than this, in milliseconds.
+        budget: Choose the most accurate resolution and scheme whose frames take at most this time, in milliseconds.
     """
 
     quality: str | None = None
@@ -36,7 +36,7 @@ class ChoiceOptions:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class ExtraOptions:
-    """Files beside the results.
+    """Files to write beside the results.
 
     Attributes:
         flatten: Also write the stage as one layer, NAME.flat.usdc, beside its volumes and textures.
@@ -50,7 +50,7 @@ class ExtraOptions:
     volume_shader: Literal["karma", "arnold", "omniverse"] | None = None
 
     def write(self, result: "warp_smoke.Result", scene: "warp_smoke.Scene") -> list[Path]:
-        """Writes them over a run's results, and returns their paths."""
+        """Writes these files for a run's results, and returns their paths."""
         written, stage = [], result.stage
         if self.volume_shader:
             from warp_smoke.usd.volume_shader import write_volume_shader
@@ -78,22 +78,22 @@ def run(
     watch: Annotated[bool, Parameter(name="--preview")] = False,
     as_json: Json = False,
 ):
-    """Simulate, shadow, bake and write: STAGE in, a finished stage over it in the output folder.
+    """Simulate, shadow and bake: read STAGE, and write a finished stage that builds on it to the output folder.
 
     Args:
         stage: The USD stage.
         output: Folder for the results; out/NAME unless given.
-        scene_options: What is changed in the stage's scene.
-        choice: What chooses the settings that it leaves open.
-        device: Where it is computed.
+        scene_options: Changes to the stage's scene.
+        choice: How to choose the settings that it leaves open.
+        device: Where it runs.
         depth_maps: Also write the shadow maps of the last frame as pictures, textures/LIGHT.depth.png.
-        resume: Continue after the last frame of a run that was stopped or killed, or from the first frame if nothing
-            is left of it.
-        checkpoint_every: Frames between checkpoints, 0 for none except at Ctrl-C; unless given, as many as keep their
-            cost below 5 % of the time.
-        extras: Files beside the results.
-        watch: Show frames in a window as they are made, skipping those that would slow the run by more than a tenth,
-            and all of them afterwards; closing the window does not end the run.
+        resume: Continue after the last checkpoint of a run that was stopped or killed, or start from the first frame
+            if there is none.
+        checkpoint_every: Frames between checkpoints, 0 for none except when stopped; unless given, as many as keep
+            their cost below 5 % of the time.
+        extras: Files to write beside the results.
+        watch: Show frames in a window as they are made, skipping some to slow the run by a tenth at most, and all of
+            them afterwards; closing the window does not end the run.
         as_json: Print the report as JSON.
     """
     settings = {"resume": resume, **asdict(device)}
@@ -109,7 +109,7 @@ def run(
             on_frame=progress.show,
         )
     if resume and not progress.made:
-        err.print("Finished already: nothing to do without a change, or without --resume")
+        err.print("Already finished; without --resume it would run again")
     closed_by_user = bool(live and live.closed)
     if live:
         live.close()
@@ -129,7 +129,7 @@ def run(
 def _plan(
     scene: "warp_smoke.Scene", output: Path | None, resolution: int | None, choice: ChoiceOptions, settings: dict
 ) -> "warp_smoke.Plan":
-    """The plan with what was chosen for it, which is printed."""
+    """Returns the plan, and prints the settings that were chosen for it."""
     by_measure = choice.max_error is not None or choice.budget is not None
     if by_measure and resolution is not None:
         allowed = "none, where --max-error or --budget chooses it"
@@ -142,10 +142,10 @@ def _plan(
 
 
 class _FrameProgress:
-    """A context that tells how far a run is, and shows its frames in a window if there is one.
+    """A context that shows a run's progress, and its frames in a window if there is one.
 
     Attributes:
-        made: how many frames the run has made.
+        made: number of frames made so far.
     """
 
     def __init__(self, scene: "warp_smoke.Scene", resume: bool, live: "LivePreview | None"):
@@ -163,7 +163,7 @@ class _FrameProgress:
         self._bar.stop()
 
     def show(self, frame: "warp_smoke.Frame") -> None:
-        """Tells that a frame is made."""
+        """Shows that a frame is finished."""
         if self._resume and not self.made:
             self._say_where_it_goes_on(frame.number - 1)
         self.made += 1
@@ -174,5 +174,5 @@ class _FrameProgress:
 
     def _say_where_it_goes_on(self, before: int) -> None:
         there = before >= self._scene.start
-        err.print(f"Going on after frame {before}" if there else "No checkpoint: from the start")
+        err.print(f"Continuing after frame {before}" if there else "No checkpoint: starting from the first frame")
         self._bar.update(self._task, completed=before + 1 - self._scene.start)

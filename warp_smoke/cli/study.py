@@ -1,4 +1,4 @@
-"""`warp-smoke study`: what accuracy costs."""
+"""`warp-smoke study`: what accuracy costs in time."""
 
 import json
 from dataclasses import asdict
@@ -21,17 +21,17 @@ def study(
     device: DeviceOptions = DeviceOptions(),
     as_json: Json = False,
 ):
-    """Measure what accuracy costs in time, on known answers or on STAGE; tables, diagrams and a web page.
+    """Measure what accuracy costs in time, on known answers or on STAGE; writes tables, diagrams and a web page.
 
     An interrupted study continues where it stopped.
 
     Args:
-        stage: A USD stage, studied at several settings against its finest.
+        stage: A USD stage, studied at several settings and compared with the finest.
         suite: advection, pressure, flow, smoke_shadow, surface_shadow, shading, scene (with a stage) or all; several
-            may be given. Unless given, scene for a stage, and all without one.
-        full: Measure at more and finer resolutions; otherwise each suite takes less than two minutes on two cores.
+            may be given. Unless given, scene for a stage, else all.
+        full: Measure at more and finer resolutions; without it each suite takes less than two minutes on two cores.
         output: Folder for the results; out/study, or out/NAME.study for a stage, unless given.
-        device: Where it is computed.
+        device: Where it runs.
         as_json: Print disclosure, orders and rows as JSON.
     """
     if stage is not None:

@@ -8,13 +8,13 @@ from warp_smoke.cli.console import out
 from warp_smoke.cli.options import Json
 from warp_smoke.usd.find import find_stage
 
-_PARTS = {"stage": "Your stage", "results": "The layers over it that the run wrote"}
+_PARTS = {"stage": "Your stage", "results": "The layers that the run wrote over it"}
 
 
 def validate(path: Path, *, as_json: Json = False):
-    """Check that a stage is one that every DCC accepts; exit status 1 if it has errors, 0 with warnings only.
+    """Check whether every DCC accepts a stage; exit status 1 if it has errors, 0 if it has only warnings.
 
-    For a folder of results, problems of your stage and of what the run wrote are listed apart.
+    For a folder of results, the problems of your stage and those of what the run wrote are listed separately.
 
     Args:
         path: A USD stage or a folder written by `run`.
