@@ -1,4 +1,4 @@
-"""Pictures of the sky, as dome lights have them: how much light comes from everywhere."""
+"""Reading of dome lights' sky pictures, for the mean light from all directions."""
 
 from warp_smoke.sky.mean import UnsupportedPicture, mean_radiance
 

@@ -1,4 +1,4 @@
-"""OpenEXR pictures: one part of whole scan lines, uncompressed or with the codecs RLE, ZIPS and ZIP.
+"""Reader of OpenEXR pictures with one part in scan lines, uncompressed or with the codecs RLE, ZIPS and ZIP.
 
 Source: Academy Software Foundation, *OpenEXR File Layout* and *Technical Introduction to OpenEXR*.
 """
@@ -19,11 +19,11 @@ _NUMBERS = ("<u4", "<f2", "<f4")
 
 
 def read_exr(data: bytes) -> Rows:
-    """A picture with the channels R, G and B, or Y alone, which becomes grey.
+    """Reads a picture with the channels R, G and B, or only Y, which becomes grey.
 
     Raises:
-        UnsupportedPicture: tiles, several parts, deep pixels, another codec, other channels.
-        ValueError, IndexError, struct.error, zlib.error: the file is damaged; also while the blocks are read.
+        UnsupportedPicture: it has tiles, several parts, deep pixels, another codec or other channels.
+        ValueError, IndexError, struct.error, zlib.error: the file is damaged; also raised while blocks are read.
     """
     version, flags = data[4], int.from_bytes(data[5:8], "little") << 8
     if version != 2 or flags & ~_LONG_NAMES:
@@ -46,7 +46,7 @@ def read_exr(data: bytes) -> Rows:
 
 
 def _read_header(data: bytes) -> tuple[dict[str, bytes], int]:
-    """The attributes' bytes by name, and where the header ends."""
+    """Returns the attributes' bytes by name, and the offset at which the header ends."""
     attributes, at = {}, 8
     while data[at]:
         name, at = _read_name(data, at)
@@ -66,7 +66,7 @@ def _read_name(data: bytes, at: int) -> tuple[str, int]:
 
 
 def _read_channels(data: bytes) -> dict[str, np.dtype]:
-    """What numbers each channel has, in the order in which a row has them."""
+    """Returns the number type of each channel, in their order within a row."""
     channels, at = {}, 0
     while data[at]:
         name, at = _read_name(data, at)
@@ -101,7 +101,7 @@ def _read_blocks(
 
 
 def _unpack(packed: bytes, codec: str, size: int) -> bytes:
-    """The bytes of a block, which is stored as it is where the codec would make it larger."""
+    """Returns the unpacked bytes of a block, which is stored uncompressed if the codec would enlarge it."""
     if len(packed) == size or codec == "NONE":
         plain = packed
     else:
@@ -112,7 +112,7 @@ def _unpack(packed: bytes, codec: str, size: int) -> bytes:
 
 
 def _unpack_runs(packed: bytes) -> bytes:
-    """Run lengths: a byte n ≥ 0 says that the next is there n + 1 times, n < 0 that −n bytes follow."""
+    """Undoes run-length encoding: a byte n ≥ 0 repeats the next byte n + 1 times, n < 0 precedes −n literal bytes."""
     parts, at = [], 0
     while at < len(packed):
         count = packed[at] - 256 if packed[at] > 127 else packed[at]
@@ -126,7 +126,7 @@ def _unpack_runs(packed: bytes) -> bytes:
 
 
 def _join_bytes(packed: bytes) -> bytes:
-    """Undoes what makes bytes easy to compress: differences plus 128, and even bytes before odd ones."""
+    """Undoes the predictor (differences plus 128) and the reordering (even bytes before odd ones)."""
     steps = np.frombuffer(packed, np.uint8).copy()
     steps[1:] -= 128  # modulo 256
     values = np.cumsum(steps, dtype=np.uint8)

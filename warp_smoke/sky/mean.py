@@ -1,4 +1,4 @@
-"""The mean of a sky's picture over all directions: the light that would come from everywhere if it were even."""
+"""The mean of a sky picture over all directions: the uniform light that carries as much."""
 
 import struct
 import zlib
@@ -13,24 +13,24 @@ from warp_smoke.sky.rows import Rows, UnsupportedPicture
 
 __all__ = ["UnsupportedPicture", "mean_radiance"]
 
-# The most that half precision holds: suns beyond it are stored as infinite.
+# The largest number in half precision; brighter suns are stored as infinity.
 _BRIGHTEST = 65504.0
 
 
 def mean_radiance(data: bytes) -> tuple[np.ndarray, bool]:
-    """The mean colour of a picture of all directions, and whether it is the same in all of them.
+    """Computes the mean colour of a latitude-longitude picture over all directions, and whether it is uniform.
 
-    A row of the picture is a circle of latitude: between polar angles θ₀ and θ₁ it covers (cos θ₀ − cos θ₁)/2 of the
-    sphere.
+    Each row of the picture is a circle of latitude: between polar angles θ₀ and θ₁ it covers (cos θ₀ − cos θ₁)/2 of
+    the sphere.
 
     Args:
-        data: content of an OpenEXR or Radiance file (linear), or of 8 bits in any format that Pillow reads (sRGB).
+        data: content of an OpenEXR or Radiance file (linear), or of an 8-bit file that Pillow reads (sRGB).
 
     Returns:
         Linear RGB [3] float64, and whether all pixels are equal.
 
     Raises:
-        UnsupportedPicture: a kind of file that is not read.
+        UnsupportedPicture: this kind of file is not supported.
         OSError: the file is damaged.
     """
     try:

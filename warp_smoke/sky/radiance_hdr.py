@@ -1,4 +1,4 @@
-"""Radiance pictures (`.hdr`): three mantissas with one exponent.
+"""Reader of Radiance pictures (`.hdr`): three mantissas with a common exponent.
 
 Source: G. Ward, *Real Pixels*, Graphics Gems II (1991), and Radiance's *Picture File Format*.
 """
@@ -11,15 +11,15 @@ import numpy as np
 from warp_smoke.sky.rows import Rows, UnsupportedPicture
 
 SIGNATURE = b"#?"
-_BIAS = 128 + 8  # of the exponent, and of mantissas that are 0 to 255
+_BIAS = 128 + 8  # of the exponent, and 8 bits for mantissas of 0 to 255
 
 
 def read_radiance_hdr(data: bytes) -> Rows:
-    """A picture of RGBE pixels in rows from the top.
+    """Reads a picture of RGBE pixels in rows from the top.
 
     Raises:
-        UnsupportedPicture: other colours, or rows that run another way.
-        ValueError, IndexError: the file is damaged; also while the blocks are read.
+        UnsupportedPicture: it has another colour format, or rows in another order.
+        ValueError, IndexError: the file is damaged; also raised while blocks are read.
     """
     end = data.index(b"\n\n") + 2
     kind = re.search(rb"^FORMAT=(.*)$", data[:end], re.MULTILINE)
@@ -30,7 +30,7 @@ def read_radiance_hdr(data: bytes) -> Rows:
     if not size:
         raise UnsupportedPicture("a Radiance file whose rows do not run from the top left")
     height, width = map(int, size.groups())
-    if not 0 < height * width <= 32 * len(data):  # a run of 127 takes two bytes, and a pixel four of them
+    if not 0 < height * width <= 32 * len(data):  # 2 bytes for a run of 127, 4 to a pixel: at most 16 pixels a byte
         raise ValueError(f"{len(data)} bytes cannot hold {width} × {height} pixels")
     return Rows(height, _read_blocks(data, size_end, height, width))
 
@@ -47,7 +47,7 @@ def _read_blocks(data: bytes, at: int, height: int, width: int) -> Iterator[tupl
 
 
 def _unpack_runs(data: bytes, at: int, width: int) -> tuple[np.ndarray, int]:
-    """One row, [width, 4] uint8, and where it ends: a byte n > 128 says that the next is there n − 128 times."""
+    """Returns one row, [width, 4] uint8, and its end offset; a byte n > 128 repeats the next byte n − 128 times."""
     parts, count = [], 0
     while count < 4 * width:
         n = data[at]

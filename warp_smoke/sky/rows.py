@@ -1,4 +1,4 @@
-"""Pictures that come as blocks of rows, so that a large one is never whole in memory."""
+"""Pictures in blocks of rows, so that a large one is never in memory as a whole."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,16 +7,16 @@ import numpy as np
 
 
 class UnsupportedPicture(ValueError):
-    """A picture of a kind that is not read, by its reason."""
+    """A picture of an unsupported kind; the message names the kind."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """A picture.
+    """A picture as an iterator over blocks of its rows.
 
     Attributes:
-        height: rows in all.
-        blocks: first row, 0 at the top, and linear RGB [rows, width, 3] float32; in any order, each row once.
+        height: number of rows.
+        blocks: pairs of first row (0 at the top) and linear RGB [rows, width, 3] float32, in any order, each row once.
     """
 
     height: int
