@@ -1,4 +1,4 @@
-"""Cuts through volumes that show a quantity by colour, with a bar that says what the colours mean."""
+"""Slices through volumes that show a quantity by colour, with a colour bar."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,7 +8,7 @@ import pyvista as pv
 
 
 class Quantity(NamedTuple):
-    """What a cut can show: the volume's field it is read from, and its title with its unit."""
+    """A quantity that a slice can show: the volume's field it is read from, and its title with its unit."""
 
     field: str
     title: str
@@ -30,7 +30,7 @@ _BAR = {
     "color": "#e8e8e8",
     "n_labels": 5,
     "fmt": "%.3g",
-    "shadow": True,  # else the text is lost before a bright floor
+    "shadow": True,  # else the text is lost against a bright floor
     "render": False,
 }
 
@@ -49,7 +49,7 @@ class Slice:
 
 
 def cut_slice(values: np.ndarray, to_world: np.ndarray, facing: np.ndarray, middle: np.ndarray | None) -> Slice | None:
-    """The layer of voxels that faces a direction most and lies nearest to a point.
+    """Returns the layer of voxels that faces a direction most and lies nearest to a point.
 
     Args:
         values: [nx, ny, nz].
@@ -58,7 +58,7 @@ def cut_slice(values: np.ndarray, to_world: np.ndarray, facing: np.ndarray, midd
         middle: a world point; None = the middle of the voxels.
 
     Returns:
-        The cut, or None if the point lies outside of the voxels along the cut's normal.
+        The slice, or None if the point lies outside the voxels along the slice's normal.
     """
     axes = to_world[:3, :3] / np.linalg.norm(to_world[:3, :3], axis=1, keepdims=True)
     axis = int(np.argmax(np.abs(axes @ facing)))
@@ -76,7 +76,7 @@ def cut_slice(values: np.ndarray, to_world: np.ndarray, facing: np.ndarray, midd
 
 
 class SliceActors:
-    """Draws cuts, all with one scale of colours that grows with what was seen.
+    """Draws slices, all on one colour scale, which grows to the values shown so far.
 
     Args:
         plotter: where they are drawn.
@@ -88,7 +88,7 @@ class SliceActors:
         self._ranges: dict[str, tuple[float, float]] = {}
 
     def show(self, quantity: str | None, slices: tuple[Slice | None, ...]) -> None:
-        """Draws these cuts, and their bar, in place of the last ones."""
+        """Draws these slices and their colour bar in place of the last ones."""
         for name in self._names:
             self._plotter.remove_actor(name, reset_camera=False, render=False)
         self._names.clear()
@@ -119,12 +119,12 @@ class SliceActors:
             mapper = self._plotter.actors[self._names[0]].mapper
             size = max(round(TEXT_SHARE * self._plotter.window_size[1]), 8)
             sizes = {"title_font_size": size, "label_font_size": size}
-            # The title's second line, which is empty, keeps it clear of the greatest label.
+            # The title's empty second line keeps it clear of the topmost label.
             self._plotter.add_scalar_bar(f"{QUANTITIES[quantity].title}\n", mapper=mapper, **_BAR, **sizes)
 
 
 def _sheet(one: Slice) -> pv.PolyData:
-    """One square for each voxel of a cut, of the voxel's colour."""
+    """Makes one square for each voxel of a slice, with the voxel's value."""
     a, b = one.values.shape
     i, j = (edge.ravel() for edge in np.meshgrid(np.arange(a + 1) - 0.5, np.arange(b + 1) - 0.5, indexing="ij"))
     corners = np.stack([i, j, np.zeros_like(i), np.ones_like(i)], axis=1) @ one.to_world

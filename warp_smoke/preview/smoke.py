@@ -1,10 +1,10 @@
 """Smoke as coloured voxels: its density, and the light that reaches each voxel through the rest of the smoke.
 
-Volume files may hold the light that the smoke scatters (grid `light`), which is then what the voxels show. Without it,
-an approximation for the eye, not the simulation's own shadows: every light shines in parallel rays from where it
-stands as seen from the smoke's centre, nothing but the smoke itself shades the smoke, and light scattered many times
-is stood in for by M. Wrenninge, C. Kulla, V. Lundqvist, *Oz: The Great and Volumetric*, SIGGRAPH Talks 2013: the sum
-Σ bⁿ e^(−aⁿ τ), in which each further bounce is weaker (b) and less hindered by the smoke (a).
+Volume files may hold the light that the smoke scatters (grid `light`); the voxels then show that. Without it they show
+an approximation for the eye, not the simulation's shadows: every light shines in parallel rays, in its direction from
+the smoke's centre, nothing but the smoke itself shadows the smoke, and multiple scattering is approximated after
+M. Wrenninge, C. Kulla, V. Lundqvist, *Oz: The Great and Volumetric*, SIGGRAPH Talks 2013, by the sum
+Σ bⁿ e^(−aⁿ τ), in which each further bounce is weaker (b) and less attenuated by the smoke (a).
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ import numpy as np
 from warp_smoke.lattice import occupied_box
 from warp_smoke.preview.color import encode_light
 
-# Of the light that falls on thick smoke, what comes back: a cloud is less white than a white wall.
+# The share of the light on thick smoke that is reflected: a cloud is less white than a white wall.
 REFLECTANCE = 0.7
 BOUNCES = 3
 LESS_HINDERED, WEAKER = 0.5, 0.5  # a and b
@@ -25,7 +25,7 @@ class Beam:
     """Parallel light.
 
     Attributes:
-        direction: in which it travels in the world, [3]; any length but zero.
+        direction: world direction in which it travels, [3]; any length but zero.
         radiance: linear RGB of a white matte surface that faces it, [3].
     """
 
@@ -42,7 +42,7 @@ class SmokeVoxels:
             share of its maximum.
         to_world: index (i, j, k) of a voxel to the world position of its centre, 4 × 4 row-vector matrix.
         extinction: where the density is greatest [1/stage unit].
-        brightest: sRGB value that the greatest code of a colour stands for: white, 1, or beyond it.
+        brightest: sRGB value that the greatest colour code stands for: 1 (white) or more.
     """
 
     rgba: np.ndarray
@@ -54,10 +54,10 @@ class SmokeVoxels:
 def find_smoke(
     density: np.ndarray, to_world: np.ndarray, scattered: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None] | None:
-    """The box of voxels that hold smoke, within a layer of voxels that hold none, so that its edge is soft.
+    """Finds the box of voxels that hold smoke, with a layer of empty voxels around it, so that its edge is soft.
 
     Args:
-        density: [nx, ny, nz] float32; what is below zero is none, and so is what is less than 1/510 of the greatest.
+        density: [nx, ny, nz] float32; values below zero or below 1/510 of the greatest count as none.
         to_world: index (i, j, k) of a voxel to the world position of its centre, 4 × 4 row-vector matrix.
         scattered: light, linear RGB, [nx, ny, nz, 3], or None.
 
@@ -76,7 +76,7 @@ def find_smoke(
 
 
 def show_light(density: np.ndarray, to_world: np.ndarray, extinction: float, scattered: np.ndarray) -> SmokeVoxels:
-    """Smoke that scatters light which is known.
+    """Makes voxels of smoke whose scattered light is known.
 
     Args:
         density: [nx, ny, nz] float32, at least one above zero.
@@ -90,7 +90,7 @@ def show_light(density: np.ndarray, to_world: np.ndarray, extinction: float, sca
 def color_smoke(
     density: np.ndarray, to_world: np.ndarray, extinction: float, beams: list[Beam], ambient: np.ndarray
 ) -> SmokeVoxels:
-    """Lights smoke.
+    """Makes voxels of smoke, with an approximation of the light that it scatters.
 
     Args:
         density: [nx, ny, nz] float32, at least one above zero.
@@ -122,9 +122,9 @@ def _voxels(density: np.ndarray, to_world: np.ndarray, extinction: float, radian
 
 
 def _spread(light: np.ndarray) -> np.ndarray:
-    """The light [nx, ny, nz, 3], and in black voxels the mean of the others among their 26 neighbours.
+    """Returns the light [nx, ny, nz, 3], with black voxels set to the mean of the lit ones among their 26 neighbours.
 
-    Colours between voxels are interpolated regardless of their densities: smoke would have a dark rim.
+    Colours are interpolated between voxels regardless of their densities: otherwise smoke would have a dark rim.
     """
     lit = light.any(axis=3)
     sums = np.concatenate([light, lit[..., None].astype(np.float32)], axis=3)
@@ -138,7 +138,7 @@ def _spread(light: np.ndarray) -> np.ndarray:
 
 
 def optical_depth(density: np.ndarray, depth_per_side: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Smoke passed by parallel light on its way to each voxel's centre, as optical depth.
+    """Computes the optical depth that parallel light passes through on its way to each voxel's centre.
 
     Slice by slice along the direction's longest axis: τ(x) = τ(x − s) + σ |s| (ρ(x − s) + ρ(x)) / 2, with s one slice
     along the ray and bilinear reads in the slice before; there is no smoke outside the voxels.
@@ -146,7 +146,7 @@ def optical_depth(density: np.ndarray, depth_per_side: np.ndarray, direction: np
     Args:
         density: [nx, ny, nz] float32.
         depth_per_side: optical depth at density 1 along each of a voxel's sides, [3].
-        direction: in which the light travels, in voxels, [3].
+        direction: direction in which the light travels, in voxels, [3].
 
     Returns:
         [nx, ny, nz] float32.

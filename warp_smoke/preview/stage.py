@@ -1,4 +1,4 @@
-"""A stage as it is drawn, read from its files: the set, what was baked on it, and the smoke of each frame."""
+"""A stage as it is drawn, read from its files: the set, its bakes, and the smoke of each frame."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -27,15 +27,15 @@ AS_BAKED = Switches()
 
 @dataclass(frozen=True)
 class Frame:
-    """What changes from frame to frame in other files than the stage's own.
+    """What changes from frame to frame in files other than the stage's own.
 
     Attributes:
         number: the frame.
         smoke: of each volume; None where there is none.
-        pictures: baked light by the path of its surface, [h, w, 3] uint8 sRGB, top row first.
+        pictures: baked light by the path of its surface, sRGB of 8 or 16 bits, [h, w, 3 or 4], top row first.
         colors: baked light by the path of its surface, linear RGB at each point, [n, 3].
-        slices: in place of smoke where a quantity is shown: a cut through each volume.
-        quantity: which one, of `QUANTITIES`.
+        slices: a slice through each volume, in place of smoke where a quantity is shown.
+        quantity: the quantity shown, one of `QUANTITIES`, or None.
         off: paths of the lights that do not shine.
     """
 
@@ -49,7 +49,7 @@ class Frame:
 
 
 class PreviewStage:
-    """A stage to look at: one that a run wrote, or any other.
+    """A stage to be previewed: one that a run wrote, or any other.
 
     Attributes:
         scene: what is on it.
@@ -64,7 +64,7 @@ class PreviewStage:
 
     def __init__(self, path: str | Path):
         file = self._file = find_stage(path)
-        # What bakes show is read from the stage itself, materials from the look that the user gave it.
+        # Bakes are read from the stage itself, materials from the look that the user gave it.
         _, self.scene = open_in_own_look(file)
         with usd_kept_quiet():
             stage = self._stage = Usd.Stage.Open(str(file))
@@ -98,11 +98,11 @@ class PreviewStage:
         return bool(self._volumes or self._pictures or self._colors)
 
     def changed_on_disk(self) -> bool:
-        """Whether a file of the stage's layers is other than the one that was read."""
+        """Returns whether a file of the stage's layers has changed since it was read."""
         return _file_times(self._stage) != self._times
 
     def reopened(self) -> "PreviewStage":
-        """The stage as its files are now; this one is of no use then.
+        """Returns the stage as its files are now; this object must not be used afterwards.
 
         Raises:
             ValueError: the file is not a stage any more, or something on it is not allowed.
@@ -121,8 +121,8 @@ class PreviewStage:
         Args:
             number: the frame.
             thickness: factor on the smoke's extinction.
-            quantity: one of `QUANTITIES`, to cut through the volumes and show it there instead of their smoke.
-            switches: the light; what was baked under another one is baked anew.
+            quantity: one of `QUANTITIES`, to be shown on slices through the volumes instead of their smoke.
+            switches: which light and shadows are on; unless all are, baked light is recomputed.
 
         Raises:
             ValueError, OSError: a file is missing or damaged, or no volume has the quantity.
@@ -149,7 +149,7 @@ class PreviewStage:
         return self._last_pictures[path][1]
 
     def _relight(self, number: int, pictures: dict, colors: dict, switches: Switches) -> dict[str, np.ndarray]:
-        """Puts what is baked under another light in place of what was; gives what smoke scatters, by its domain."""
+        """Replaces the bakes by ones under other light; returns the light that smoke scatters, by domain path."""
         densities = {}
         for volume in self._volumes:
             domain, (values, to_world) = self._domain_of(volume.GetPrim()), read_grid(volume, "density", number)
@@ -161,7 +161,7 @@ class PreviewStage:
             self._relit = switches, Relighting(self.scene, sizes, densities, switches)
         relighting = self._relit[1]
         scattered = relighting.update(number, densities)
-        # What no light is left for has its material, which is black but for its glow.
+        # A surface that no light is left for shows its material, which is black but for its emission.
         pictures.clear()
         colors.clear()
         for path, made in relighting.pictures.items():
@@ -188,7 +188,7 @@ class PreviewStage:
         return light_smoke(density, to_world, extinction, lights, self.ambient, number, light)
 
     def _check_quantity(self, quantity: str) -> None:
-        """Refuses what no volume's files hold, and says how they would."""
+        """Refuses a quantity that no volume holds, and says how to add it."""
         fields = {field for volume in self._volumes for field in volume.GetFieldPaths()}
         if self._volumes and QUANTITIES[quantity].field not in fields:
             grid_of = {name: grid for grid, name in GRID_NAMES.items()}
@@ -197,7 +197,7 @@ class PreviewStage:
             raise ValueError(f"the volumes have no {grid}; they have: {', '.join(held)}; {cure}")
 
     def _load_slice(self, volume: UsdVol.Volume, number: int, quantity: str) -> Slice | None:
-        """A cut through the middle of a volume's domain that faces the front; None for one without the field."""
+        """Returns a slice that faces the front through the middle of a volume's domain; None if it lacks the field."""
         if not vdb_field(volume.GetPrim(), QUANTITIES[quantity].field):
             return None
         values, to_world = read_grid(volume, QUANTITIES[quantity].field, number)
@@ -211,13 +211,13 @@ class PreviewStage:
         return cut_slice(values, to_world, front, middle)
 
     def _domain_of(self, volume: Usd.Prim) -> SmokeDomain:
-        """The domain whose smoke a volume holds; a default one for volumes of other makers."""
+        """Returns the domain whose smoke a volume holds; a default one for volumes from other software."""
         paths = map(str, volume.GetRelationship(DOMAIN_RELATIONSHIP).GetTargets())
         return next(filter(None, map(self._domains.get, paths)), SmokeDomain(path=str(volume.GetPath())))
 
 
 def _file_times(stage: Usd.Stage) -> dict[str, int]:
-    """When each file of a stage's layers was written, 0 for one that is gone [ns]."""
+    """Returns when each file of a stage's layers was last written [ns]; 0 for one that is gone."""
     files = [Path(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath]
     return {str(file): file.stat().st_mtime_ns if file.exists() else 0 for file in files}
 
@@ -231,16 +231,16 @@ def light_smoke(
     time: float,
     scattered: np.ndarray | None = None,
 ) -> SmokeVoxels | None:
-    """The smoke of one volume as it is drawn at a time code; None if there is none.
+    """Returns the smoke of one volume as it is drawn at a time code; None if there is none.
 
     Args:
         density: [nx, ny, nz] float32.
         to_world: index (i, j, k) of a voxel to the world position of its centre, 4 × 4 row-vector matrix.
         extinction: at density 1 [1/stage unit].
-        lights: that shine on it.
+        lights: those that shine on it.
         ambient: light from everywhere, linear RGB [3].
         time: time code.
-        scattered: what the smoke scatters of them, linear RGB, [nx, ny, nz, 3], where that is known.
+        scattered: their light that the smoke scatters, linear RGB, [nx, ny, nz, 3], where known.
     """
     found = find_smoke(density, to_world, scattered)
     if found is None:
@@ -254,9 +254,9 @@ def light_smoke(
 
 
 def _baked_light(prim: Usd.Prim) -> Usd.Attribute | None:
-    """Where the bound material's emission comes from: a texture's file, a primvar's values, or None.
+    """Returns the source of the bound material's emission: a texture's file or a primvar; None if it is not baked.
 
-    A material whose emission is a texture and which reflects nothing shows baked light: it needs no other.
+    A material that emits from such a source and reflects nothing shows baked light: it needs no other light.
     """
     material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.preview)
     surface = material.ComputeSurfaceSource()[0] if material else None

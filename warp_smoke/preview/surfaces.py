@@ -13,7 +13,7 @@ from warp_smoke.shading.procedural import make_picture
 from warp_smoke.shading.textures import Picture
 
 COMPUTED_SIZE = 1024  # at most, of computed pictures [texels]
-PLAIN = Texture(file="")  # lies over a surface as its coordinates say
+PLAIN = Texture(file="")  # placed by the surface's texture coordinates alone
 
 _WRAPS = {
     "repeat": pv.Texture.WrapType.REPEAT,
@@ -21,7 +21,7 @@ _WRAPS = {
     "mirror": pv.Texture.WrapType.MIRRORED_REPEAT,
     "black": pv.Texture.WrapType.CLAMP_TO_BORDER,
 }
-# VTK adds up light in whatever space its colours are in. They are linear here, so the sum is encoded at the end.
+# VTK adds up light in the space of its colours. They are linear here, so the sum is encoded at the end.
 _ENCODE_SRGB = """//VTK::TCoord::Impl
   vec3 light = clamp(gl_FragData[0].rgb, 0.0, 1.0);
   gl_FragData[0].rgb = mix(12.92 * light, 1.055 * pow(light, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, light));
@@ -29,7 +29,7 @@ _ENCODE_SRGB = """//VTK::TCoord::Impl
 
 
 class SurfaceActor:
-    """One mesh of the set, first with its material; an exposure is in stops, which double the light.
+    """One mesh of the set, initially with its material; exposures are in stops, each of which doubles the light.
 
     Attributes:
         surface: the scene's record.
@@ -39,7 +39,7 @@ class SurfaceActor:
     def __init__(self, surface: Surface, ambient: np.ndarray, time: float):
         self.surface = surface
         mesh = surface.mesh
-        # Points of their own for each triangle's corners, since normals and UVs belong to corners.
+        # Each triangle's corners get their own points, since normals and UVs belong to corners.
         corners = mesh.points_at(time)[mesh.triangles].reshape(-1, 3)
         self._poly = pv.PolyData.from_regular_faces(corners, np.arange(len(corners)).reshape(-1, 3))
         if mesh.normals is not None:
@@ -68,7 +68,7 @@ class SurfaceActor:
         self.actor.GetShaderProperty().AddFragmentShaderReplacement("//VTK::TCoord::Impl", True, _ENCODE_SRGB, False)
 
     def _lay_picture(self, material: Material) -> bool:
-        """Lays a material's picture over the mesh, with its opacity for alpha; says whether it has colours."""
+        """Applies a material's picture to the mesh, with its opacity as alpha; returns whether it has colours."""
         color, opacity = material.diffuse_texture, material.opacity_texture
         place, pixels = color or opacity, None
         if material.procedural is not None:
@@ -82,7 +82,7 @@ class SurfaceActor:
                 white = np.full((*shares.shape, 3), 255, np.uint8)
                 pixels = with_alpha(pixels if has_colors else white, shares)
                 self.actor.prop.opacity = 1.0
-            else:  # VTK lays all of a texture in one way
+            else:  # VTK places all channels of a texture in the same way
                 self.actor.prop.opacity = float(shares.mean())
         if pixels is not None:
             self._lay_over(_laid_uvs(place, self.surface.mesh.uvs))
@@ -123,12 +123,12 @@ class SurfaceActor:
             self.actor.mapper.scalar_visibility = True
 
     def _lay_over(self, uvs: np.ndarray | None) -> None:
-        """Draws textures over texture coordinates at the triangles' corners, [m, 3, 2]."""
+        """Sets the texture coordinates at the triangles' corners, [m, 3, 2]."""
         if uvs is not None:
             self._poly.point_data.active_texture_coordinates = uvs.reshape(-1, 2)
 
     def _changes_to(self, shown: object, exposure: float) -> bool:
-        """Whether what is to be drawn, and how bright, is other than what is; notes it."""
+        """Records what is to be drawn, at what exposure; returns whether that is a change."""
         same = shown is self._shown[0] and exposure == self._shown[1]
         self._shown = (shown, exposure)
         return not same
@@ -141,7 +141,7 @@ class SurfaceActor:
 
 
 def make_texture(pixels: np.ndarray, wrap: str) -> pv.Texture:
-    """A texture from [h, w, 3 or 4] uint8, top row first."""
+    """Makes a texture from [h, w, 3 or 4] uint8, top row first."""
     texture = pv.Texture(np.ascontiguousarray(pixels))
     texture.wrap = _WRAPS[wrap]
     texture.interpolate = True
@@ -150,19 +150,19 @@ def make_texture(pixels: np.ndarray, wrap: str) -> pv.Texture:
 
 
 def _read_picture(source: Texture) -> np.ndarray:
-    """Colours of a texture, sRGB [h, w, 3] uint8. Its wrap mode along s will hold along t too: VTK has one for both."""
+    """Reads a texture's colours, sRGB [h, w, 3] uint8. Its wrap mode along s is used along t too: VTK has only one."""
     picture = Picture.read(source.file, source.color_space)
     values = picture.levels[np.broadcast_to(picture.codes, (*picture.codes.shape[:2], 3))]
     return linear_to_srgb(values * source.scale[:3] + source.bias[:3])
 
 
 def _compute_picture(procedural: Procedural) -> np.ndarray:
-    """Colours of a computed picture, likewise, of no more texels than a screen shows."""
+    """Computes a picture's colours, sRGB [h, w, 3] uint8, with no more texels than a screen shows."""
     return make_picture(replace(procedural, size=min(procedural.size, COMPUTED_SIZE))).codes
 
 
 def _laid_uvs(texture: Texture, uvs: np.ndarray) -> np.ndarray:
-    """Texture coordinates scaled, turned and moved as a texture's are."""
+    """Returns texture coordinates scaled, rotated and translated as the texture asks."""
     angle = np.radians(texture.uv_rotation)
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])  # of rows
     return (uvs * texture.uv_scale @ turn + texture.uv_translation).astype(np.float32)

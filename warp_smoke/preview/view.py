@@ -1,4 +1,4 @@
-"""What is drawn of a stage: its set, lights and smoke at a frame, seen through its camera."""
+"""The drawing of a stage: its set, lights and smoke at a frame, seen through its camera."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ TEXT_COLOR = "#e8e8e8"
 EMPTY = "Nothing to see: the stage has no mesh, smoke, emitter or light"
 UNMARKED = "Nothing to see yet but marks of domains, emitters and lights: --marks shows them"
 BACKGROUND, BACKGROUND_TOP = "#26282b", "#70757b"
-# Cosine between a look and the stage's up axis beyond which it is straight down or up.
+# Cosine between a view direction and the stage's up axis beyond which it counts as straight down or up.
 STEEPEST = 0.999
 DEFAULT = Material()
 PLAIN = Material(path="/Plain", diffuse_color=(0.5, 0.5, 0.5))
@@ -29,13 +29,13 @@ PLAIN = Material(path="/Plain", diffuse_color=(0.5, 0.5, 0.5))
 
 @dataclass(frozen=True)
 class Look:
-    """What of a stage is drawn, and how.
+    """What is drawn of a stage, and how.
 
     Attributes:
-        smoke: the volumes.
-        baked: surfaces with their baked light and shadows, else with their materials under the stage's lights.
-        materials: surfaces that show no baked light in their materials, else in a plain grey.
-        marks: where lights stand, and before a run also the domains' boxes and the emitters.
+        smoke: whether volumes are drawn.
+        baked: whether surfaces show baked light and shadows, else their materials under the stage's lights.
+        materials: whether surfaces without baked light show their materials, else plain grey.
+        marks: whether lights are marked, and before a run also the domains' boxes and the emitters.
         exposure: in stops: each doubles the light.
     """
 
@@ -54,14 +54,14 @@ class StageView:
 
     Args:
         stage: what is drawn: its `scene`, `lights`, `ambient`, `volumes` and `has_results`.
-        plotter: where; see `warp_smoke.preview.opengl`.
+        plotter: where it is drawn; see `warp_smoke.preview.opengl`.
         step: distance between samples in smoke [voxels].
-        look: at first.
+        look: the initial look.
 
     Attributes:
-        plotter: the same.
-        drawn: the look; see `restyle`.
-        follows_camera: whether the stage's own camera is looked through as it moves.
+        plotter: where it is drawn.
+        drawn: the current look; see `restyle`.
+        follows_camera: whether the view follows the stage's camera.
     """
 
     def __init__(self, stage: PreviewStage | LiveStage, plotter: pv.Plotter, step: float, look: Look = AS_IT_IS):
@@ -108,7 +108,7 @@ class StageView:
         self.plotter.reset_camera_clipping_range()
 
     def _dress(self, surface: DressedSurface, frame: Frame) -> None:
-        """Gives a surface the look it is to have."""
+        """Draws a surface in the current look."""
         path, look = surface.surface.path, self.drawn
         if look.baked and path in frame.pictures:
             surface.show_picture(frame.pictures[path], look.exposure)
@@ -127,20 +127,20 @@ class StageView:
             self.show(self._frame)
 
     def look_through_camera(self, follow: bool) -> None:
-        """Looks through the stage's camera from here on, or else frames all of the stage once."""
+        """Looks through the stage's camera from here on, or else frames everything once."""
         self.follows_camera = follow and self._stage.scene.camera is not None
         self._look(self._frame.number if self._frame is not None else self._stage.scene.start)
         self.plotter.reset_camera_clipping_range()
 
     def leave_camera(self) -> None:
-        """Stays where it is looked from, upright, also where the stage's camera moves on."""
+        """Keeps the current viewpoint, upright, even where the stage's camera moves on."""
         self.follows_camera = False
         up, camera = np.asarray(self._stage.scene.up, float), self.plotter.camera
         if abs(up @ camera.direction) < STEEPEST:
             camera.up = up
 
     def succeeded_by(self, stage: "PreviewStage") -> "StageView":
-        """A view of another stage in this place: in the same look, and from the same eye unless it follows a camera."""
+        """Replaces this view by one of another stage, in the same look, and from the same eye unless it follows one."""
         seen = self.plotter.camera.copy()
         self.plotter.clear()
         view = StageView(stage, self.plotter, self._step, self.drawn)
@@ -150,12 +150,12 @@ class StageView:
         return view
 
     def picture(self) -> np.ndarray:
-        """What is drawn, [h, w, 3] uint8 sRGB, top row first."""
+        """Returns what is drawn, [h, w, 3] uint8 sRGB, top row first."""
         self.plotter.render()  # else a screenshot shows what was drawn last
         return self.plotter.screenshot(None, return_img=True)
 
     def _light(self, time: float) -> None:
-        """Puts lights that are on, and the marks of what has no surface, where they are at a time code."""
+        """Places the lights that are on, and the marks, as at a time code."""
         shining = [light for light in self._stage.lights if light.path not in self._off]
         set_lights(self.plotter, shining, time, self.drawn.exposure)
         scene = self._stage.scene
@@ -172,7 +172,7 @@ class StageView:
             self._add(mark)
 
     def _look(self, time: float) -> None:
-        """Sees through the stage's camera, or else the whole of what is looked at."""
+        """Sets the view to the stage's camera, or to one that frames everything."""
         width, height = self.plotter.window_size
         scene = self._stage.scene
         if not self.follows_camera:
@@ -184,7 +184,7 @@ class StageView:
         look_from(self.plotter, view)
 
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of what is looked at: the domains with some room around them, or the set if there is none."""
+        """Returns the corners of what is framed: the domains with some room, or the set if there are none."""
         scene = self._stage.scene
         points = [
             transform_points(domain.transform_at(scene.start), box_corners(domain.lower, domain.upper))

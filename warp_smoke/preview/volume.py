@@ -1,4 +1,4 @@
-"""A volume of smoke in VTK: what it takes to make VTK's ray caster keep to Beer and Lambert's law."""
+"""A volume of smoke in VTK, with what makes VTK's ray caster follow the Beer–Lambert law."""
 
 import numpy as np
 import pyvista as pv
@@ -7,17 +7,17 @@ from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
 from warp_smoke.preview.color import expose_light
 from warp_smoke.preview.smoke import SmokeVoxels
 
-# The opacity of voxels of greatest density along the unit distance, which is set so that this is right.
+# Optical depth of voxels of greatest density along VTK's unit distance, which is set to match.
 _UNIT_DEPTH = 2.0
-# VTK's opacity for RGBA voxels is the first component's, but its unit distance is the last one's.
+# For RGBA voxels VTK takes the opacity of the first component, but the unit distance of the last.
 _COMPONENTS = (0, 3)
-# A ray ends where smoke lets no more than a fiftieth through, which may be wrong by 5 of 255; VTK goes on to 1/255.
+# A ray ends where smoke lets a fiftieth or less through, an error of up to 5 of 255; VTK would continue to 1/255.
 _OPAQUE = 0.98
 _STEP_SHADER = "//VTK::Terminate::Impl"
 
 
 class SmokeActor:
-    """Draws one domain's smoke, which may be none.
+    """Draws one volume's smoke, if there is any.
 
     Args:
         plotter: where it is drawn.
@@ -34,7 +34,7 @@ class SmokeActor:
             self._actor.visibility = smoke is not None
         if smoke is None:
             return
-        # Scale goes into the spacing: the ray caster measures distance before the actor's matrix.
+        # Scale goes into the spacing: the ray caster measures distances before the actor's matrix applies.
         matrix = np.array(smoke.to_world)
         size = np.linalg.norm(matrix[:3, :3], axis=1)
         matrix[:3, :3] /= size[:, None]
@@ -49,7 +49,7 @@ class SmokeActor:
         else:
             self._actor.mapper.dataset = grid
         self._actor.user_matrix = matrix.T
-        # VTK clips samples at white, but not their sum, which it multiplies by one over this window.
+        # VTK clips samples at white, but not their sum, which it divides by this window.
         self._actor.mapper.SetFinalColorWindow(1.0 / brightest)
         self._actor.mapper.SetFinalColorLevel(0.5 / brightest)
         self._actor.mapper.SetSampleDistance(self._step * size.min())

@@ -1,4 +1,4 @@
-"""The window: a view of a stage with sliders, and keys that play it and change what is seen."""
+"""The window: a view of a stage with sliders, and keys that play it and change what is shown."""
 
 import signal
 import threading
@@ -18,14 +18,14 @@ from warp_smoke.preview.stage import Frame, PreviewStage
 from warp_smoke.preview.view import StageView
 
 POLL = 30  # [ms]
-# VTK's event loop holds Python's lock, so that frames are only read while this waits for them. [s]
+# VTK's event loop holds Python's lock, so frames are only read during this wait. [s]
 READING = 0.02
 # Factors 2^x on the smoke's extinction, and stops of exposure.
 THICKNESS_RANGE, EXPOSURE_RANGE = (-4.0, 4.0), (-4.0, 4.0)
 
 CHANGED = "The stage has changed on disk; r: read it again"
-LONG = 0.5  # to wait for a frame without a word [s]
-# Time between looks at the stage's files. [s]
+LONG = 0.5  # time to wait for a frame before saying so [s]
+# Time between checks of the stage's files. [s]
 LOOK_AT_FILES = 1.0
 
 
@@ -35,8 +35,8 @@ class Window:
     Args:
         stage: what is shown.
         view: draws it.
-        frame: shown first.
-        clock: seconds that pass while it plays.
+        frame: the frame shown first.
+        clock: returns the time [s].
     """
 
     def __init__(self, stage: PreviewStage, view: StageView, frame: int, clock: Callable[[], float] = monotonic):
@@ -69,7 +69,7 @@ class Window:
         self._show(stage, view, stage.load(frame))
 
     def _show(self, stage: PreviewStage, view: StageView, loaded: Frame) -> None:
-        """Fills the window with a stage at a frame, and with the controls that it needs."""
+        """Shows a stage at a frame, with the controls that it needs."""
         self._stage, self._view, self._frames = stage, view, stage.scene.frames
         self._wanted = self._requested = frame = loaded.number
         self._loading: Future[Frame] | None = None
@@ -86,7 +86,7 @@ class Window:
         self._hint()
 
     def run(self) -> None:
-        """Returns when the user closes the window.
+        """Shows the window until the user closes it.
 
         Raises:
             KeyboardInterrupt: Ctrl-C in the terminal.
@@ -95,10 +95,10 @@ class Window:
         for key, act in self._keys.items():
             interactor.add_key_event(key, act)
         interactor.add_observer("TimerEvent", lambda *_: self.poll())
-        interactor.enable_terrain_style(mouse_wheel_zooms=True, shift_pans=True)  # what is upright stays so
+        interactor.enable_terrain_style(mouse_wheel_zooms=True, shift_pans=True)  # keeps the view upright
         interactor.initialize()
         style = interactor.interactor.GetInteractorStyle()
-        # VTK's style has other meanings for some of the keys; an observer stands in for them.
+        # VTK's style gives some of the keys other meanings; this observer replaces them.
         style.AddObserver("CharEvent", lambda *_: None)
         style.AddObserver("StartInteractionEvent", lambda *_: self._view.leave_camera())
         interactor.create_timer(POLL)
@@ -111,7 +111,7 @@ class Window:
             raise KeyboardInterrupt
 
     def close(self) -> None:
-        """Ends the reading of frames."""
+        """Stops reading frames."""
         self._loader.close()
 
     def press(self, key: str) -> None:
@@ -119,23 +119,23 @@ class Window:
         self._keys[key]()
 
     def seek(self, value: float) -> None:
-        """Asks for the frame nearest to a time code; it is drawn as soon as it is there."""
+        """Requests the frame nearest to a time code; it is drawn as soon as it is loaded."""
         self._wanted = min(max(round(value), self._frames[0]), self._frames[-1])
         if self._slider is not None:
             self._slider.GetRepresentation().SetValue(self._wanted)
 
     def set_thickness(self, doublings: float) -> None:
-        """Makes smoke thicker: each doubling of its extinction counts one."""
+        """Multiplies the smoke's extinction by 2^doublings."""
         self._thickness = 2.0**doublings
         self._read_again()
 
     def set_exposure(self, stops: float) -> None:
-        """Makes all light brighter: each stop doubles it."""
+        """Multiplies all light by 2^stops."""
         self._view.restyle(replace(self._view.drawn, exposure=round(stops, 1)))
         self._plotter.render()
 
     def show_quantity(self, quantity: str | None) -> None:
-        """Shows a quantity in a cut through the smoke, or the smoke again."""
+        """Shows a quantity on a slice through the smoke, or (None) the smoke again."""
         self._quantity = quantity
         self._read_again()
 
@@ -143,7 +143,7 @@ class Window:
         self._switch(replace(self._switches, shadows=not self._switches.shadows))
 
     def _switch_lights(self) -> None:
-        """Switches all lights off, or on again those that are."""
+        """Switches all lights off, or back on if any is off."""
         off = frozenset() if self._switches.off else frozenset(light.path for light in self._stage.lights)
         self._switch(replace(self._switches, off=off))
 
@@ -166,15 +166,15 @@ class Window:
         return partial(self._stage.load, **asked)
 
     def _reopen(self) -> None:
-        """Shows the stage as its files are now, in the same look and from the same side."""
-        self._loader.close()  # USD lets nobody read what is read again
+        """Shows the stage as its files are now, in the same look and from the same viewpoint."""
+        self._loader.close()  # USD does not allow reads while a stage is reloaded
         try:
             stage = self._stage.reopened()
             frame = min(max(self._wanted, stage.scene.start), stage.scene.end)
             loaded = stage.load(frame, self._thickness, self._quantity, self._switches)
         except (ValueError, OSError) as error:
             self._loader = FrameLoader(self._load(), self._frames)
-            if self._loading is not None:  # it was given up, unless it had begun
+            if self._loading is not None:  # the request was cancelled, unless it had begun
                 self._requested = self._loading = None
             self._say_error(str(error))
             return
@@ -207,7 +207,7 @@ class Window:
         self._plotter.render()
 
     def poll(self) -> None:
-        """Draws the frame that is wanted once it is there; a slider that is dragged shows what comes in on its way."""
+        """Draws the wanted frame once it is loaded; while the slider is dragged, frames appear as they come in."""
         self._look_at_files()
         self._play()
         if self._loading is None and self._wanted != self._requested:
@@ -224,7 +224,7 @@ class Window:
             self._plotter.render()
 
     def _play(self) -> None:
-        """Asks for the next frame when it is time for it and the last one is drawn; after the last comes the first."""
+        """Requests the next frame when it is due and the previous one is drawn; after the last comes the first."""
         pause = 1.0 / self._stage.scene.time_codes_per_second
         if self._plays_since is None or self._loading is not None or self._clock() - self._plays_since < pause:
             return
@@ -235,7 +235,7 @@ class Window:
         try:
             self._view.show(loaded.result())
             self._say_error("")
-        # USD has RuntimeErrors for prims that are gone since their stage was read again in vain.
+        # USD raises RuntimeErrors for prims that are gone after a failed reload of their stage.
         except (ValueError, OSError, RuntimeError) as error:
             self._say_error(str(error))
 
@@ -269,7 +269,7 @@ class Window:
 
 @contextmanager
 def _on_ctrl_c(act: Callable[[], None]) -> Iterator[None]:
-    """Within, Ctrl-C acts so; VTK's event loop would end the process at Python's own KeyboardInterrupt."""
+    """Makes Ctrl-C call `act`; VTK's event loop would end the process at Python's own KeyboardInterrupt."""
     handler = signal.getsignal(signal.SIGINT)
     if handler is signal.SIG_IGN or threading.current_thread() is not threading.main_thread():
         yield
