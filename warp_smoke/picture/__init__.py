@@ -1,6 +1,6 @@
-"""The ray-cast picture of a scene: surfaces by the bakes' own shading, shadows by rays, smoke marched along rays.
+"""Ray-cast pictures of a scene: surfaces with the same shading as bakes, ray-traced shadows, ray-marched smoke.
 
-It is what baked textures are checked against: at the same point it has the same value.
+Baked textures are checked against them: at the same point both have the same value.
 """
 
 from warp_smoke.picture.render import render, render_kernels, render_picture, simulate_smoke

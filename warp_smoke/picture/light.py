@@ -1,4 +1,4 @@
-"""A light of a picture with its shadows: by rays past surfaces, by rays or a light buffer through smoke."""
+"""A light of a picture with its shadows: of surfaces by rays, of smoke by rays or a light buffer."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,9 +26,9 @@ class PictureLight:
 
     Attributes:
         light: the record.
-        source: as the shading takes it.
-        takes: for each surface, the share of the light that it takes, and of its shadows by surfaces and by smoke.
-        channels: shares that smoke lets through: 1, or 3 where it colours the light.
+        source: the light as the shading takes it.
+        takes: for each surface, 1 or 0 for whether it takes the light, its shadows by surfaces, and those by smoke.
+        channels: number of shares that smoke lets through: 1, or 3 where it colours the light.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class PictureLight:
             launcher: where to compute.
             light: the record.
             surfaces: all of the scene's, which may be lit.
-            casters: the surfaces that shadow it.
+            casters: the surfaces that block it.
             volumes: the smoke.
             origin: world position of set space's origin, [3] float64.
             time: time code.
@@ -76,18 +76,18 @@ class PictureLight:
 
     @property
     def has_shadow(self) -> bool:
-        """Whether surfaces may shadow it."""
+        """Whether surfaces may block it."""
         return self._shadow is not None
 
     def shadow(self, points: SurfacePoints, visibility_out: wp.array) -> None:
-        """Writes the share of the light that passes surfaces, [n]."""
+        """Writes the share of the light that surfaces let through, [n]."""
         if self._shadow is None:
             visibility_out.fill_(1.0)
         else:
             self.look_past(points.shadow_points, points.normals, visibility_out)
 
     def look_past(self, points: wp.array, normals: wp.array, visibility_out: wp.array) -> None:
-        """Writes the share that passes surfaces to points [n] with surface normals [n], of a light that has shadows."""
+        """Writes the share that surfaces let through to points [n] with normals [n]; needs `has_shadow`."""
         self._shadow.visibility(points, normals, visibility_out)
 
     def look_through(self, points: wp.array, shares_inout: wp.array) -> None:
@@ -96,7 +96,7 @@ class PictureLight:
             each.transmittance(points, shares_inout)
 
     def through(self, points: wp.array) -> wp.array:
-        """The share of the light that passes smoke, [1 or 3, n]."""
+        """Returns the share of the light that smoke lets through, [1 or 3, n]."""
         count = len(points)
         if count not in self._through:
             self._through[count] = self._launcher.zeros((self.channels, count), "picture")
@@ -107,7 +107,7 @@ class PictureLight:
 
 
 def _bounds(casters: Casters, volumes: Sequence[SmokeVolume], origin: np.ndarray) -> np.ndarray:
-    """Boxes of all that surfaces may shadow, in set space, [n, 2, 3]: the surfaces, and each volume's smoke."""
+    """Returns the boxes that may be shadowed by surfaces, in set space, [n, 2, 3]: the casters', and each volume's."""
     boxes = [np.stack([casters.lower, casters.upper])]
     for each in volumes:
         cells = list(product(*((0, size) for size in each.lattice.shape)))

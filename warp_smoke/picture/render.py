@@ -20,7 +20,7 @@ _KERNELS = ("shading.primary_rays", "shading.radiance", "shading.surface_points"
 
 
 def render_kernels(scene: Scene, volumes: Sequence[SmokeVolume]) -> list[str]:
-    """Names of the kernel modules that a picture needs."""
+    """Returns the names of the kernel modules that a picture needs."""
     names = set(_KERNELS)
     if volumes:
         names |= {"shading.smoke_march", "shading.volume"}
@@ -40,7 +40,7 @@ def render_picture(
     device: str = "cpu",
     threads: int | None = None,
 ) -> np.ndarray:
-    """A picture of a scene through its camera.
+    """Renders a picture of a scene through its camera.
 
     Args:
         scene: the scene.
@@ -48,7 +48,7 @@ def render_picture(
         volumes: the smoke at that time.
         size: width and height [pixels].
         samples: along each side of a pixel: samples² rays.
-        shading: light for each `pixel` or each `vertex`.
+        shading: light per `pixel` or per `vertex`.
         device: `cpu`, `cuda` or `cuda:N`.
         threads: CPU threads; all unless given.
 
@@ -88,17 +88,17 @@ def render(
         size: width and height [pixels].
         quality: a preset, draft, preview or final, for the samples, and for smoke that has to be simulated.
         samples: along each side of a pixel: samples² rays; 2, or those of the quality, unless given.
-        shading: light for each `pixel` or each `vertex`.
+        shading: light per `pixel` or per `vertex`.
         device: `cpu`, `cuda` or `cuda:N`.
         threads: CPU threads; all unless given.
-        on_warning: is told what of the stage cannot be shown as it is, a line each.
+        on_warning: called with a line for each thing on the stage that cannot be shown as it is.
 
     Returns:
         The file.
 
     Raises:
-        ValueError: the stage or one of its files is damaged, has no camera, the frame is none of its own, or a number
-            is not allowed.
+        ValueError: the stage or one of its files is damaged, it has no camera or no such frame, or a number is not
+            allowed.
         OSError: a file cannot be read or written.
     """
     if Path(output).suffix.lower() != ".png":
@@ -129,10 +129,10 @@ def render(
 
 
 def simulate_smoke(scene: Scene, frame: int, device: str = "cpu", threads: int | None = None) -> list[SmokeVolume]:
-    """The smoke of a scene at a frame, by its fluid alone.
+    """Simulates a scene's smoke up to a frame, without shadows and bakes.
 
     Raises:
-        ValueError: the frame is none of the scene's, or the device cannot hold the smoke.
+        ValueError: the scene has no such frame, or the device cannot hold the smoke.
     """
     from warp_smoke.simulation import Simulation
 

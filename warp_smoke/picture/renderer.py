@@ -1,4 +1,4 @@
-"""One camera's pictures of a scene, frame after frame."""
+"""Pictures of a scene through one camera, frame after frame."""
 
 from collections.abc import Sequence
 
@@ -24,8 +24,8 @@ from warp_smoke.shadow.casters import Casters
 
 SHADINGS = ("pixel", "vertex")
 MAX_PIXELS = 2**26
-# Pixels that are rendered together: what is known of them stays in the processor's cache, and the rows that
-# are costly, as those of a floor in relief, are shared out among its threads.
+# Pixels that are rendered together: their data stays in the processor's cache, and costly rows, such as those of a
+# floor in relief, are shared among its threads.
 _TILE_PIXELS = 2**15
 
 
@@ -33,7 +33,7 @@ class PictureRenderer:
     """Renders a scene through its camera.
 
     Attributes:
-        warnings: what of the scene cannot be shown as it is.
+        warnings: what in the scene cannot be shown as it is.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class PictureRenderer:
         samples: int = 1,
         shading: str = "pixel",
     ):
-        """Reads the materials' pictures.
+        """Prepares the materials and reads their textures.
 
         Args:
             launcher: where to compute.
@@ -54,7 +54,7 @@ class PictureRenderer:
             width: of the picture [pixels].
             height: of the picture [pixels].
             samples: along each side of a pixel: samples² rays.
-            shading: light for each pixel (Phong) or each corner of a triangle (Gouraud).
+            shading: light per pixel (Phong) or per corner of a triangle (Gouraud).
 
         Raises:
             ValueError: there is no camera, a number is not allowed, or a texture cannot be read.
@@ -75,11 +75,11 @@ class PictureRenderer:
         self._tile: Tile | None = None
 
     def render(self, time: float, volumes: Sequence[SmokeVolume] = ()) -> np.ndarray:
-        """The picture at a time code, sRGB [height, width, 3] uint8, first row at the top.
+        """Renders the picture at a time code, sRGB [height, width, 3] uint8, first row at the top.
 
         Args:
             time: time code.
-            volumes: the smoke at that time; none of it may overlap.
+            volumes: the smoke at that time; volumes must not overlap.
         """
         scene = self._scene
         total = self._width * self._height
@@ -95,7 +95,7 @@ class PictureRenderer:
         return picture.reshape(self._height, self._width, 3)
 
     def _place(self, volumes: Sequence[SmokeVolume], origin: np.ndarray, time: float) -> PlacedSet:
-        """The set at a time code, with the light of its smoke and, where it is asked for, of its corners."""
+        """Places the set at a time code, with the light of its smoke and, for Gouraud shading, of its corners."""
         scene, launcher = self._scene, self._launcher
         seen, casters = self._place_casters(origin, time)
         order = seen.surface_of_triangle
@@ -115,7 +115,7 @@ class PictureRenderer:
         return PlacedSet(seen.mesh, table, self._looks, lights, smokes, corners, place, ambient)
 
     def _place_casters(self, origin: np.ndarray, time: float) -> tuple[Casters, dict[str, Casters]]:
-        """The triangles that lines of sight meet: all visible ones; and for each light those that shadow it."""
+        """Returns all visible triangles, which camera rays hit, and for each light those that block it."""
         scene, placed = self._scene, {}
 
         def place(surfaces: Sequence[Surface]) -> Casters:
@@ -130,7 +130,7 @@ class PictureRenderer:
     def _shade_corners(
         self, casters: Casters, table: TriangleTable, lights: Sequence[PictureLight], eye: wp.vec4
     ) -> CornerLight:
-        """Unshadowed light at the corners of all triangles."""
+        """Computes unshadowed light at the corners of all triangles."""
         launcher, mesh, materials = self._launcher, casters.mesh, self._dressing.materials
         count = len(mesh.points)
         points = allocate_points(launcher, count, "picture", self._dressing.needs_tangents)
@@ -154,7 +154,7 @@ def _center(lattice: Lattice) -> np.ndarray:
 
 
 def _middle(scene: Scene, volumes: Sequence[SmokeVolume], time: float) -> np.ndarray:
-    """Origin of set space: the middle of what is visible."""
+    """Returns the origin of set space: the middle of everything visible."""
     visible = [s for s in scene.surfaces if value_at(s.visible, time) and len(s.mesh.triangles)]
     corners = [transform_points(s.transform_at(time), s.mesh.points_at(time)) for s in visible]
     corners += [transform_points(v.lattice.cells_to_world(), [np.zeros(3), v.lattice.shape]) for v in volumes]

@@ -1,4 +1,4 @@
-"""Smoke in a picture: its density at one time, cut to where it is, and the light that it scatters."""
+"""Smoke in a picture: its density at one time, cropped to the occupied box, and the light that it scatters."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,11 +26,11 @@ def scattering_smoke(
     origin: np.ndarray,
     time: float,
 ) -> ScatteringSmoke:
-    """The box around a domain's smoke with the light that it scatters.
+    """Returns the box around a domain's smoke with the light that it scatters.
 
     Args:
         launcher: where to compute.
-        volume: the smoke; some of it is not empty.
+        volume: the smoke; at least one cell is not empty.
         lights: all of the picture's.
         ambient: light from everywhere, linear RGB.
         origin: world position of set space's origin, [3] float64.
@@ -60,7 +60,7 @@ def scattering_smoke(
 
 
 def _cropped(density: np.ndarray, lattice: Lattice) -> tuple[np.ndarray, Lattice]:
-    """The box of cells with smoke, and one more around them as far as there are any."""
+    """Crops to the box of cells with smoke and one more on each side, where there is one."""
     box = tuple(slice(max(each.start - 1, 0), each.stop + 1) for each in occupied_box(density != 0.0))
     to_world = np.array(lattice.to_world)
     to_world[3, :3] += lattice.voxel_size * np.array([each.start for each in box]) @ lattice.axes

@@ -1,4 +1,4 @@
-"""Smoke at one time, as a picture takes it."""
+"""Smoke at one time, as input to a picture."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ class SmokeVolume:
     """Smoke at one time.
 
     Attributes:
-        domain: gives its extinction and albedo.
+        domain: the domain, which has its extinction and albedo.
         lattice: where its cells lie.
         density: [nx, ny, nz] float32 at cell centres.
     """

@@ -1,4 +1,4 @@
-"""Some pixels of a picture: the rays through them, what these meet one behind the other, and its light."""
+"""A tile of a picture: the rays through its pixels, the layers of surfaces that they hit, and the light of these."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ from warp_smoke.shading.surface_points import allocate_detail, allocate_points, 
 from warp_smoke.shading.triangle_table import Dressing, TriangleTable
 from warp_smoke.shading.view import View
 
-# Surfaces that are seen through each other; the last of them hides what lies behind it.
+# The most surfaces that are seen through each other; the last of them hides what lies behind it.
 MOST_LAYERS = 16
 
 
@@ -50,8 +50,8 @@ class PlacedSet:
         table: what is interpolated over them.
         looks: their materials.
         lights: with their shadows.
-        smokes: far ones first; none overlaps another.
-        corners: light at the triangles' corners, for pictures of it alone.
+        smokes: farthest first; none overlaps another.
+        corners: light at the triangles' corners for Gouraud shading, or None.
         eye: position, and 1.
         ambient: light from everywhere, linear RGB.
     """
@@ -68,7 +68,7 @@ class PlacedSet:
 
 @dataclass(frozen=True)
 class _Layer:
-    """What rays meet, how far those come that go on behind it (−1 for others), and what they see, linear RGB."""
+    """What rays hit, the distance of the hit where a ray continues behind it (−1 elsewhere), and linear RGB seen."""
 
     hits: Hits
     passed: wp.array
@@ -76,10 +76,10 @@ class _Layer:
 
 
 class Tile:
-    """Room for so many pixels, which are rendered together again and again."""
+    """Memory for a number of pixels that are rendered together, reused from tile to tile."""
 
     def __init__(self, launcher: Launcher, count: int, dressing: Dressing, srgb: SrgbTable):
-        """Allocates it.
+        """Allocates the memory.
 
         Args:
             launcher: where to compute.
@@ -100,7 +100,7 @@ class Tile:
         self._codes = zeros((count, 3), "picture", dtype=wp.uint8)
 
     def _layer(self, depth: int) -> _Layer:
-        """The layer that is met after `depth` others."""
+        """Returns the layer behind `depth` others, allocated on first use."""
         if depth == len(self._layers):
             zeros, count = self._launcher.zeros, self._count
             hits = allocate_hits(self._launcher, count, self._is_blended)
@@ -109,7 +109,7 @@ class Tile:
         return self._layers[depth]
 
     def render(self, placed: PlacedSet, view: View, samples: int) -> np.ndarray:
-        """The pixels from the view's first on, sRGB [count, 3] uint8; samples² rays each."""
+        """Renders the pixels from the view's first on with samples² rays each, sRGB [count, 3] uint8."""
         launcher, count = self._launcher, self._count
         places = [(n + 0.5) / samples for n in range(samples)]
         self._mean.zero_()
@@ -121,7 +121,7 @@ class Tile:
         return self._codes.numpy()
 
     def _sample(self, placed: PlacedSet, view: View, place: tuple[float, float]) -> wp.array:
-        """What the rays through one place in each pixel see: layers from the eye on, put together from behind."""
+        """Returns what rays through one place in each pixel see: layers traced from the eye, blended back to front."""
         launcher, count = self._launcher, self._count
         starts, met = [self._at_eye], []
         while len(met) < MOST_LAYERS:
@@ -144,7 +144,7 @@ class Tile:
         return behind.color
 
     def _shade(self, layer: _Layer, placed: PlacedSet, view: View, place: tuple[float, float], start: wp.array) -> None:
-        """Follows the rays from `start` to the next surfaces, and writes their light."""
+        """Traces the rays from `start` to the next surfaces, and writes their light."""
         launcher, count = self._launcher, self._count
         points, detail, hits, color = self._points, self._detail, layer.hits, layer.color
         cast_rays(launcher, count, placed.mesh, placed.looks, view, place, placed.table, start, points, hits)
