@@ -104,11 +104,11 @@ BALL, BOX = Mesh.sphere(), Mesh.box()
     [
         (
             Scene(emitters=[Emitter(path="/A", mesh=BALL)], surfaces=[Surface(path="/A", mesh=BOX)]),
-            "/A: mesh is another one for each of its records; allowed: one shape and place for all that it is",
+            "/A: mesh is different among the records with this path; allowed: the same shape and place for all of them",
         ),
         (
             Scene(emitters=[Emitter(path="/A", mesh=BALL)], lights=[PointLight(path="/A")]),
-            "/A: path is /A; allowed: one kind of thing at a path",
+            "/A: path is /A; allowed: one kind of thing at each path",
         ),
         (
             Scene(surfaces=[Surface(path="/A", mesh=BALL)], lights=[PointLight(path="/A/B/L")]),
@@ -122,7 +122,7 @@ BALL, BOX = Mesh.sphere(), Mesh.box()
             Scene(
                 surfaces=[Surface(path=f"/A{n}", mesh=BALL, material=Material(path="/M", roughness=n)) for n in (0, 1)]
             ),
-            "/M: path is /M; allowed: one kind of thing at a path",
+            "/M: path is /M; allowed: one kind of thing at each path",
         ),
     ],
 )

@@ -1,8 +1,7 @@
-"""Scene → USD stage, for scenes built in Python: what is authored reads back as an equal scene.
+"""Scene → USD stage, for scenes built in Python: the stage reads back as an equal scene, within the limits of USD.
 
-Equal, that is, as far as USD can hold it: most numbers are stored in single precision; records of one kind come back
-in the order of the stage's tree; `Samples` that do not vary come back as plain values; surfaces that are never
-visible are no part of the set.
+Most numbers are stored in single precision; records of the same kind come back in the order of the stage's tree;
+`Samples` that do not vary come back as plain values; surfaces that are never visible do not come back.
 """
 
 from pathlib import Path
@@ -38,12 +37,12 @@ def author_scene(scene: Scene, path: str | Path) -> None:
     """Writes a scene to a USD file.
 
     Args:
-        scene: what to write.
-        path: the file: .usd, .usda or .usdc.
+        scene: the scene to write.
+        path: a .usd, .usda or .usdc file.
 
     Raises:
-        ValueError: the records cannot stand on one stage, since a path is not USD's, or is given to different
-            things, or lies inside another record's.
+        ValueError: the records do not fit on one stage: a path is not valid in USD, is shared by different things, or
+            lies inside another record's path.
     """
     _check_paths(scene)
     register_schema()
@@ -88,17 +87,17 @@ def author_scene(scene: Scene, path: str | Path) -> None:
 
 
 def _check_paths(scene: Scene) -> None:
-    """Raises FieldError unless each path is USD's, stands for one thing, and lies inside no other one."""
+    """Raises FieldError unless each path is valid in USD, stands for one thing, and lies inside no other path."""
     for record in (*scene.emitters, *scene.colliders):
         if isinstance(record, ArrayEmitter | ArrayCollider):
-            raise FieldError(record.path, "shape", "arrays over cells", "a mesh or points, for a stage can hold them")
+            raise FieldError(record.path, "shape", "arrays over cells", "a mesh or points, which a stage can hold")
     shapes: dict[str, Emitter | Collider | Surface] = {}
     for record in (*scene.emitters, *scene.colliders, *scene.surfaces):
         first = shapes.setdefault(record.path, record)
         place, first_place = (Prim(path=record.path, transform=one.transform) for one in (record, first))
         if record.mesh != first.mesh or place != first_place:
-            allowed = "one shape and place for all that it is"
-            raise FieldError(record.path, "mesh", "another one for each of its records", allowed)
+            allowed = "the same shape and place for all of them"
+            raise FieldError(record.path, "mesh", "different among the records with this path", allowed)
     paths = [*shapes, *(one.path for one in (*scene.domains, *scene.lights, *_materials(scene)))]
     if scene.camera is not None:
         paths.append(scene.camera.path)
@@ -107,7 +106,7 @@ def _check_paths(scene: Scene) -> None:
         if not Sdf.Path.IsValidPathString(path) or not Sdf.Path(path).IsPrimPath():
             raise FieldError(path, "path", path, "letters, digits and _ between slashes")
         if path in taken:
-            raise FieldError(path, "path", path, "one kind of thing at a path")
+            raise FieldError(path, "path", path, "one kind of thing at each path")
         taken.add(path)
     for path in paths:
         for outer in taken.intersection(map(str, Sdf.Path(path).GetPrefixes()[:-1])):
@@ -115,7 +114,7 @@ def _check_paths(scene: Scene) -> None:
 
 
 def _materials(scene: Scene) -> list[Material]:
-    """The different materials of the scene's surfaces."""
+    """Returns the distinct materials of the scene's surfaces."""
     materials = []
     for surface in scene.surfaces:
         for material in (surface.material, *(each.material for each in surface.subsets)):
@@ -125,7 +124,7 @@ def _materials(scene: Scene) -> list[Material]:
 
 
 def _author_domain(stage: Usd.Stage, domain: SmokeDomain) -> None:
-    """A Cube where the domain is one around its origin, else a Volume with its extent."""
+    """Authors a Cube if the domain is a cube around its origin, else a Volume with an extent."""
     if set(domain.upper) == {domain.upper[0]} and set(domain.lower) == {-domain.upper[0]}:
         cube = UsdGeom.Cube.Define(stage, domain.path)
         cube.CreateSizeAttr(2.0 * domain.upper[0])

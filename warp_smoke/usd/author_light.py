@@ -1,4 +1,4 @@
-"""Lights as `UsdLux`."""
+"""Authoring of lights as `UsdLux`."""
 
 from pxr import Sdf, Usd, UsdLux
 
@@ -8,7 +8,7 @@ from warp_smoke.usd.names import LIGHT
 
 
 def author_light(stage: Usd.Stage, light: Light) -> None:
-    """A light's prim; what UsdLux has no home for goes into `SmokeLightAPI`."""
+    """Authors a light's prim; fields that UsdLux has no place for go into `SmokeLightAPI`."""
     if isinstance(light, DistantLight):
         prim = UsdLux.DistantLight.Define(stage, light.path).GetPrim()
         names = ["color", "intensity", "normalize", "angle"]
@@ -32,7 +32,7 @@ def author_light(stage: Usd.Stage, light: Light) -> None:
 
 
 def _author_members(collection: Usd.CollectionAPI, paths: tuple[str, ...] | None) -> None:
-    """Makes a light's collection hold these prims alone; None leaves it as it is, with everything in it."""
+    """Makes a light's collection hold only these prims; None leaves it unchanged, with everything in it."""
     if paths is not None:
         collection.CreateIncludeRootAttr(False)
         collection.CreateIncludesRel().SetTargets([Sdf.Path(path) for path in paths])

@@ -1,4 +1,4 @@
-"""Materials as `UsdPreviewSurface`, and what only `SmokeMaterialAPI` can say of them."""
+"""Authoring of materials as `UsdPreviewSurface`, and as `SmokeMaterialAPI` for what that cannot express."""
 
 import os
 from dataclasses import fields
@@ -20,7 +20,7 @@ TEXTURED_INPUTS = {
 
 
 def author_material(stage: Usd.Stage, material: Material, folder: Path) -> None:
-    """A `UsdPreviewSurface`: in its specular workflow, which takes the reflectance as it is, unless it holds metal."""
+    """Authors a `UsdPreviewSurface`: in the specular workflow, which stores the reflectance, unless there is metal."""
     prim = UsdShade.Material.Define(stage, material.path)
     surface = UsdShade.Shader.Define(stage, f"{material.path}/Surface")
     surface.CreateIdAttr("UsdPreviewSurface")
@@ -52,7 +52,7 @@ def author_material(stage: Usd.Stage, material: Material, folder: Path) -> None:
 
 
 def _index_of_refraction(material: Material) -> float:
-    """The n of r₀ = ((n − 1)/(n + 1))²: the workflow with metal has no other reflectance."""
+    """Returns n with r₀ = ((n − 1)/(n + 1))²; the metallic workflow cannot express any other reflectance."""
     r0 = material.fresnel_r0
     if r0 != (r0[0],) * 3 or r0[0] >= 1.0 or material.specular_texture is not None:
         raise FieldError(material.path, "fresnel_r0", r0, "grey, below 1 and without a texture, where there is metal")
@@ -60,7 +60,7 @@ def _index_of_refraction(material: Material) -> float:
 
 
 def _author_material_fields(prim: Usd.Prim, material: Material) -> None:
-    """What `SmokeMaterialAPI` holds, if any of it differs from the defaults."""
+    """Authors `SmokeMaterialAPI` if any of its fields differs from the default."""
     definitions = schema_attributes()["SmokeMaterialAPI"]
     authored = {}
     defaults = {field.name: field.default for field in fields(Material)}

@@ -1,4 +1,4 @@
-"""Meshes and points as prims, with the surfaces, receivers and face subsets on them."""
+"""Authoring of meshes and points, with the materials, receivers and face subsets on them."""
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdShade, Vt
@@ -10,7 +10,7 @@ from warp_smoke.usd.author_prim import author_smoke_fields, author_transform, au
 
 
 def author_shape(stage: Usd.Stage, record: Emitter | Collider | Surface) -> Usd.Prim:
-    """The Mesh prim of a record, unless another record of the same path has made it."""
+    """Authors the Mesh of a record, unless another record with the same path has done so; returns its prim."""
     prim = stage.GetPrimAtPath(record.path)
     if prim and prim.IsA(UsdGeom.Mesh):
         return prim
@@ -39,7 +39,7 @@ def author_shape(stage: Usd.Stage, record: Emitter | Collider | Surface) -> Usd.
 
 
 def author_points(stage: Usd.Stage, emitter: Emitter) -> Usd.Prim:
-    """The Points prim of an emitter."""
+    """Authors the Points of an emitter; returns their prim."""
     geom = UsdGeom.Points.Define(stage, emitter.path)
     points, widths = emitter.mesh.points, emitter.mesh.widths
     for attribute, value in ((geom.CreatePointsAttr(), points), (geom.CreateWidthsAttr(), widths)):
@@ -54,7 +54,7 @@ def author_points(stage: Usd.Stage, emitter: Emitter) -> Usd.Prim:
 
 
 def author_surface(stage: Usd.Stage, surface: Surface) -> None:
-    """A surface's Mesh, unless another record has made it, with its material, face subsets and receiver."""
+    """Authors a surface's Mesh, unless another record has done so, and its material, face subsets and receiver."""
     prim = author_shape(stage, surface)
     author_visibility(prim, surface.visible)
     if surface.receiver is not None:

@@ -1,4 +1,4 @@
-"""What records of all kinds have in common, as USD holds it: fields of the package's schemas, place and visibility."""
+"""Authoring of what all kinds of records share: fields of the package's schemas, transform and visibility."""
 
 from dataclasses import fields
 
@@ -12,7 +12,7 @@ from warp_smoke.usd.schema import schema_attributes
 
 
 def set_value(attribute: Usd.Attribute, value: object) -> None:
-    """Sets a value, or all samples of one that changes in time."""
+    """Sets a value, or all its samples if it changes in time."""
     if isinstance(value, Samples):
         for time, sample in zip(value.times.tolist(), value.values.tolist(), strict=True):
             attribute.Set(tuple(sample) if isinstance(sample, list) else sample, time)
@@ -21,7 +21,7 @@ def set_value(attribute: Usd.Attribute, value: object) -> None:
 
 
 def author_smoke_fields(prim: Usd.Prim, schema: str, record: Prim | Receiver) -> None:
-    """Applies a schema and sets what differs from the record's defaults, or was given."""
+    """Applies a schema, and sets the fields that differ from the record's defaults or were given."""
     prim.AddAppliedSchema(schema)
     definitions = schema_attributes()[schema]
     defaults = {field.name: field.default for field in fields(record)}
@@ -33,7 +33,7 @@ def author_smoke_fields(prim: Usd.Prim, schema: str, record: Prim | Receiver) ->
 
 
 def author_transform(prim: Usd.Prim, record: Prim) -> None:
-    """Places a prim, unless it stays at the origin."""
+    """Sets a prim's transform, unless it is the identity."""
     matrices = each_value(record.transform)
     if np.array_equal(matrices, np.eye(4)[None]):
         return
@@ -46,7 +46,7 @@ def author_transform(prim: Usd.Prim, record: Prim) -> None:
 
 
 def author_visibility(prim: Usd.Prim, visible: bool | Samples) -> None:
-    """Hides a prim when it is not to be seen."""
+    """Hides a prim, always or at some times."""
     if visible is True:
         return
     attribute = UsdGeom.Imageable(prim).CreateVisibilityAttr()

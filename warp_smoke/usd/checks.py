@@ -1,7 +1,7 @@
-"""What every DCC needs of a stage and the public validators do not look at.
+"""Checks of what DCCs need from a stage but the public validators do not look at.
 
-Planted faults show what those miss in usd-core 26.11 and usd-validation-nvidia 1.22: files missing at one frame, volume
-fields, tokens, unknown inputs.
+Tests with planted faults showed what usd-core 26.11 and usd-validation-nvidia 1.22 miss: files missing at one frame,
+volume fields, tokens, unknown inputs.
 """
 
 from collections.abc import Callable, Iterator
@@ -16,7 +16,7 @@ from warp_smoke.usd.schema import schema_attributes
 from warp_smoke.vdb import read_grid_bounds
 
 SOURCE = "warp-smoke"
-# An extent may be too small by this share of its size: points are stored in single precision.
+# An extent may be too small by this fraction of its size: points are stored in single precision.
 EXTENT_TOLERANCE = 1e-5
 GridBounds = Callable[[str], dict[str, np.ndarray | None]]
 _ASSETS = (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray)
@@ -31,8 +31,8 @@ class Problem:
         severity: error (some DCC reads it wrongly or not at all), warning or info.
         where: prim, property or file.
         message: what is wrong.
-        source: the check that says so.
-        part: whose it is: of the stage (`stage`), or of the layers that a run wrote over it (`results`).
+        source: the check that found it.
+        part: where it comes from: the stage (`stage`), or the layers that a run wrote over it (`results`).
     """
 
     severity: str
@@ -46,7 +46,7 @@ class Problem:
 
 
 def check_stage(stage: Usd.Stage) -> Iterator[Problem]:
-    """Problems of asset paths, tokens, shader and light inputs, volumes and extents."""
+    """Yields the problems with asset paths, tokens, shader and light inputs, volumes and extents."""
     grid_bounds = cache(read_grid_bounds)  # fields share files
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         for attribute in prim.GetAuthoredAttributes():
@@ -64,7 +64,7 @@ def check_stage(stage: Usd.Stage) -> Iterator[Problem]:
 
 
 def _values(attribute: Usd.Attribute) -> list[object]:
-    """The default and each time sample, where there is one; an array gives its elements."""
+    """Returns the default and the time samples, those that exist; for an array, their elements."""
     times = (Usd.TimeCode.Default(), *attribute.GetTimeSamples())
     values = [value for value in map(attribute.Get, times) if value is not None]
     if attribute.GetTypeName().isArray:
@@ -73,8 +73,8 @@ def _values(attribute: Usd.Attribute) -> list[object]:
 
 
 def _check_assets(attribute: Usd.Attribute) -> Iterator[Problem]:
-    """Each file that an attribute names is there; of `<UDIM>` tiles at least one."""
-    # Renderers look for the sources of their own shaders in places that only they know.
+    """Checks that each file that an attribute names exists; for `<UDIM>`, at least one tile."""
+    # Renderers find the sources of their own shaders in places that only they know.
     if attribute.GetTypeName() not in _ASSETS or attribute.GetNamespace().startswith("info"):
         return
     layers = [spec.layer for spec in attribute.GetPropertyStack()]
@@ -85,7 +85,7 @@ def _check_assets(attribute: Usd.Attribute) -> Iterator[Problem]:
 
 
 def _check_tokens(attribute: Usd.Attribute) -> Iterator[Problem]:
-    """A token is one of those that the schema allows."""
+    """Checks that a token is one of those that the schema allows."""
     if attribute.GetTypeName() not in _TOKENS:
         return
     allowed = attribute.GetMetadata("allowedTokens") or _smoke_tokens().get(attribute.GetName())
@@ -100,7 +100,7 @@ def _check_allowed(attribute: Usd.Attribute, allowed: list[str] | None) -> Itera
 
 @cache
 def _smoke_tokens() -> dict[str, tuple[str, ...]]:
-    """The tokens of the smoke schemas, which USD does not know in a process that opened a stage before."""
+    """Returns the smoke schemas' tokens, unknown to USD if a stage was opened before the schemas were registered."""
     return {
         name: attribute.allowed_tokens
         for attributes in schema_attributes().values()
@@ -110,7 +110,7 @@ def _smoke_tokens() -> dict[str, tuple[str, ...]]:
 
 
 def _check_inputs(prim: Usd.Prim) -> Iterator[Problem]:
-    """Shaders and lights have no `inputs:` that their definition does not know, nor a value that it does not list."""
+    """Checks that shaders and lights have only `inputs:`, and shaders only values, that their definition lists."""
     inputs = prim.GetAuthoredPropertiesInNamespace("inputs")
     if prim.IsA(UsdShade.Shader):
         identifier = UsdShade.Shader(prim).GetShaderId()
@@ -133,7 +133,7 @@ def _check_inputs(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_fields(volume: Usd.Prim) -> Iterator[Problem]:
-    """Each field of a volume is one prim, all read the same files, and there is an extent."""
+    """Checks that each field of a volume is one prim, that all read the same files, and that there is an extent."""
     files = set()
     for relationship in volume.GetAuthoredPropertiesInNamespace("field"):
         targets = [volume.GetStage().GetPrimAtPath(path) for path in relationship.GetForwardedTargets()]
@@ -149,7 +149,7 @@ def _check_fields(volume: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_frames(files: Usd.Attribute) -> Iterator[Problem]:
-    """A volume's files are `.vdb`, one for each whole frame without gaps, with a default value besides."""
+    """Checks that a volume's files are `.vdb`, one for each whole frame without gaps, and that there is a default."""
     where = str(files.GetPath())
     times = files.GetTimeSamples()
     if any(time != round(time) for time in times):
@@ -167,7 +167,7 @@ def _check_frames(files: Usd.Attribute) -> Iterator[Problem]:
 
 
 def _check_grids(field: UsdVol.OpenVDBAsset, grid_bounds: GridBounds) -> Iterator[Problem]:
-    """Every file of a field can be read and holds its grid."""
+    """Checks that every file of a field can be read and holds its grid."""
     name = field.GetFieldNameAttr().Get()
     for path in _vdb_files(field):
         try:
@@ -181,7 +181,7 @@ def _check_grids(field: UsdVol.OpenVDBAsset, grid_bounds: GridBounds) -> Iterato
 
 
 def _check_volume_extent(volume: UsdVol.Volume, grid_bounds: GridBounds) -> Iterator[Problem]:
-    """The extent of a volume holds the active voxels of all its files."""
+    """Checks that the extent of a volume holds the active voxels of all its files."""
     extent = volume.GetExtentAttr()
     if not extent.HasAuthoredValue() or extent.ValueMightBeTimeVarying():
         return
@@ -190,7 +190,7 @@ def _check_volume_extent(volume: UsdVol.Volume, grid_bounds: GridBounds) -> Iter
         if not field or UsdGeom.Xformable(field).GetOrderedXformOps():
             continue
         for file in _vdb_files(field):
-            with suppress(ValueError):  # told by `_check_grids`
+            with suppress(ValueError):  # reported by `_check_grids`
                 needed = grid_bounds(file).get(field.GetFieldNameAttr().Get())
                 if needed is not None and not _holds(extent.Get(), needed):
                     message = f"does not hold the grid {field.GetFieldNameAttr().Get()} of {file}; it would be culled"
@@ -199,13 +199,13 @@ def _check_volume_extent(volume: UsdVol.Volume, grid_bounds: GridBounds) -> Iter
 
 
 def _vdb_files(field: UsdVol.OpenVDBAsset) -> list[str]:
-    """The files of a field that are there, each once."""
+    """Returns the existing `.vdb` files of a field, each once."""
     paths = [path.resolvedPath for path in _values(field.GetFilePathAttr())]
     return [path for path in dict.fromkeys(paths) if path.endswith(".vdb")]
 
 
 def _check_extent(boundable: UsdGeom.Boundable) -> Iterator[Problem]:
-    """An extent is authored, and holds the geometry at every sample of either."""
+    """Checks that an extent is authored, and holds the geometry at every sample of either."""
     extent = boundable.GetExtentAttr()
     points = UsdGeom.PointBased(boundable).GetPointsAttr()
     if not extent.HasAuthoredValue():

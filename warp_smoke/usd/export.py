@@ -1,4 +1,4 @@
-"""The finished stage as one layer, or as one package, for programs and people that want a single file."""
+"""Export of the finished stage as one layer or one package, for programs and people that want a single file."""
 
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
@@ -12,18 +12,21 @@ from warp_smoke.usd.quiet import usd_kept_quiet
 from warp_smoke.usd.write import replacing_layer
 
 FOLDERS = ("volumes", "textures")
-# Of zip archives (APPNOTE 4.3.7, 4.3.12): where a file's time and date are in its local header and in the central
-# directory, and there the lengths of name, extra field and comment, which follow the fixed part.
+# Zip archives (APPNOTE 4.3.7, 4.3.12): offsets of a file's time and date in its local header and in its entry of the
+# central directory; in that entry also the offset of the lengths of its variable parts, and the size of the fixed one.
 LOCAL_TIME, CENTRAL_TIME, CENTRAL_LENGTHS, CENTRAL_SIZE = 10, 12, 28, 46
 EARLIEST = pack("<HH", 0, 1 << 5 | 1)
 
 
 def flatten_stage(stage: Path, file: Path) -> Path:
-    """Writes a stage as one layer: the user's layers and the results in one, with the selected variants alone.
+    """Writes a stage as one layer: the user's layers and the results merged, with only the selected variants.
 
     Args:
         stage: the root layer of a run's results.
-        file: the layer to write, beside it; volumes and textures stay files of their own, named relative to it.
+        file: the layer to write, in the same folder; volumes and textures stay separate files, named relative to it.
+
+    Returns:
+        The file.
 
     Raises:
         OSError: the file cannot be written.
@@ -37,11 +40,14 @@ def flatten_stage(stage: Path, file: Path) -> Path:
 
 
 def package_stage(stage: Path, file: Path) -> Path:
-    """Packs a stage with its textures into one `.usdz`; volumes are left out, since a `.vdb` may not be in one.
+    """Packs a stage with its textures into one `.usdz`; volumes are left out, since a `.usdz` may not contain `.vdb`.
 
     Args:
         stage: the root layer of a run's results.
         file: the `.usdz` to write.
+
+    Returns:
+        The file.
 
     Raises:
         OSError: the file cannot be written.
@@ -57,7 +63,7 @@ def package_stage(stage: Path, file: Path) -> Path:
     try:
         with replacing_layer(file) as partial:
             without_volumes.GetRootLayer().Export(str(layer))
-            # USD looks for textures once more under the names that it has just given them in the package.
+            # USD looks for the textures again under the names that it has just given them in the package.
             with leaving_out("Failed to resolve reference @0/"):
                 packed = UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(layer)), str(partial), f"{file.stem}.usdc")
             if not packed:
@@ -84,7 +90,7 @@ def _forget_times(package: Path) -> None:
 
 
 def result_files(layer: Path) -> set[Path]:
-    """The volumes and textures that a results layer names below its folder; none if it cannot be read."""
+    """Returns the files in `FOLDERS` beside a results layer that it names; none if it cannot be read."""
     found: set[str] = set()
 
     def note(path: str) -> str:
@@ -100,7 +106,7 @@ def result_files(layer: Path) -> set[Path]:
 
 
 def _name_relative_to(layer: Sdf.Layer, folder: Path) -> None:
-    """Names files below a folder relative to it; flattening makes all paths absolute."""
+    """Makes paths below a folder relative to it, since flattening makes all paths absolute."""
     folder = folder.resolve()
 
     def relative(path: str) -> str:

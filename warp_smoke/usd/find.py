@@ -1,4 +1,4 @@
-"""Which stage a path names: a file, or the one in a folder of results."""
+"""Finding the stage that a path names: a file, or the one in a folder of results."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ RESULTS_SUFFIX = ".results.usdc"
 
 
 def find_stage(path: str | Path) -> Path:
-    """The stage that a path names: the file itself, or the root layer in a folder of results.
+    """Returns the stage that a path names: the file itself, or the root layer in a folder of results.
 
     Raises:
         ValueError: there is no such file, or the folder holds no results or those of several runs.

@@ -1,14 +1,14 @@
-"""Baked lighting as a look: materials that show it, and one switch between it and the user's own materials.
+"""Materials that show baked lighting, and a variant set that switches between them and the user's own materials.
 
-Each receiver of a `lit` bake gets a `UsdPreviewSurface` that only emits the picture: it is the final look, so no light
-of the DCC may add to it. A collection inside the variant `baked` of the variant set `smokeLook`, on the default prim,
-binds it; the variant `dcc` is empty and shows the stage as the user made it. The collection sits on an ancestor and is
-stronger than descendants, because a direct binding in a variant would be weaker than the user's own.
+Each receiver of a `lit` bake gets a `UsdPreviewSurface` that only emits the picture: it is the final look, so the DCC's
+lights must not add to it. A collection binding inside the variant `baked` of the variant set `smokeLook`, on the root
+prim, binds it; the variant `dcc` is empty and shows the stage as the user made it. The binding sits on an ancestor and
+is stronger than descendants, because a direct binding in a variant would be weaker than the user's own.
 
-Every picture is also named on its receiver, `asset smokeBaked:<bake>`, where a script or a shader network finds it. It
-lies over the mesh's own texture coordinates, or, where these leave [0, 1], over `primvars:st_bake`, made of them. A
-mesh without UVs carries primvars instead: `smokeLit`, `smokeVisibility`, `smokeShadow` and so on. Shadow maps, which
-lie over nothing, are named `smokeBaked:depth:<light>` on each receiver of a `depth` bake.
+The file of every picture is also an attribute of its receiver, `asset smokeBaked:<bake>`, for scripts and shader
+networks. Pictures use the mesh's own texture coordinates or, if these leave [0, 1], `primvars:st_bake`, computed from
+them. A mesh without UVs carries primvars instead: `smokeLit`, `smokeVisibility`, `smokeShadow` and so on. Shadow maps,
+which need no coordinates, become `smokeBaked:depth:<light>` on each receiver of a `depth` bake.
 """
 
 from collections.abc import Iterable, Mapping
@@ -47,7 +47,7 @@ class BakeResult(Record):
     Attributes:
         surface: the receiver.
         bake: lit (sRGB), or irradiance, visibility, smokeShadow or normal (raw).
-        files: path of the picture relative to the results layer (`./textures/…`); for each frame where it changes.
+        files: path of the picture relative to the results layer (`./textures/…`), or one for each frame if it changes.
     """
 
     surface: Surface
@@ -66,8 +66,8 @@ class VertexBakeResult(Record):
     Attributes:
         surface: the receiver.
         bake: one of `scene.SURFACE_BAKES`.
-        values: at each point, linear RGB [n, 3] for lit and irradiance, directions [n, 3] for normal, else shares [n];
-            for each frame where they change.
+        values: at each point, linear RGB [n, 3] for lit and irradiance, directions [n, 3] for normal, else fractions of
+            light [n]; one array, or one for each frame if they change.
     """
 
     surface: Surface
@@ -90,8 +90,8 @@ class DepthMapResult(Record):
 
     Attributes:
         surface: a receiver that bakes `depth`, lit by the light.
-        light: its name among the lights of the scene.
-        files: as those of `BakeResult`.
+        light: the light's name, unique among those of the scene.
+        files: as in `BakeResult`.
     """
 
     surface: Surface
@@ -103,7 +103,7 @@ class DepthMapResult(Record):
 
 
 def define_bakes(stage: Usd.Stage, bakes: Iterable[BakeResult | VertexBakeResult | DepthMapResult]) -> None:
-    """Authors what was baked, and the looks that show it, in the stage's edit target."""
+    """Authors the bakes, and the materials that show them, in the stage's edit target."""
     for bake in bakes:
         receiver = editable(stage, bake.surface.path)
         if isinstance(bake, VertexBakeResult):
@@ -115,7 +115,7 @@ def define_bakes(stage: Usd.Stage, bakes: Iterable[BakeResult | VertexBakeResult
 
 
 def define_procedural(stage: Usd.Stage, path: str, file: str) -> None:
-    """Makes a computed picture the diffuse colour of the material at a path, over the surface's `st`."""
+    """Makes a procedural picture the diffuse colour of the material at a path, with the texture coordinates `st`."""
     material = UsdShade.Material(stage.GetPrimAtPath(path))
     surface, _, _ = material.ComputeSurfaceSource()
     uv = define_shader(material, "proceduralCoordinates", "UsdPrimvarReader_float2")
@@ -128,7 +128,7 @@ def define_procedural(stage: Usd.Stage, path: str, file: str) -> None:
 
 
 def _show(picture: UsdShade.Shader, uv: UsdShade.Shader, color_space: str, wrap: str) -> None:
-    """Lays a picture over texture coordinates."""
+    """Connects a picture to its texture coordinates."""
     picture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set(color_space)
     for name in ("wrapS", "wrapT"):
         picture.CreateInput(name, Sdf.ValueTypeNames.Token).Set(wrap)
@@ -137,7 +137,7 @@ def _show(picture: UsdShade.Shader, uv: UsdShade.Shader, color_space: str, wrap:
 
 
 def _name_files(receiver: Usd.Prim, name: str, files: Mapping[int, str] | str) -> None:
-    """Names pictures on the receiver that they were made for."""
+    """Writes the pictures' paths to an attribute of their receiver."""
     set_over_time(receiver.CreateAttribute(f"{BAKED_NAMESPACE}:{name}", Sdf.ValueTypeNames.Asset, True), files)
 
 
@@ -158,7 +158,7 @@ def _define_pictures(receiver: Usd.Prim, bake: BakeResult) -> None:
 
 
 def _keep_opacity(material: UsdShade.Material, picture: UsdShade.Shader, receiver: Surface) -> None:
-    """Takes opacity from the picture's alpha, which holds it where any of the receiver's own materials has some."""
+    """Connects opacity to the picture's alpha, which holds it if any of the receiver's own materials is see-through."""
     thresholds = [each.opacity_threshold for each in receiver.materials if each.is_see_through]
     if not thresholds:
         return
@@ -183,7 +183,7 @@ def _define_primvar(receiver: Usd.Prim, bake: VertexBakeResult) -> None:
 
 
 def _define_uvs(mesh: Usd.Prim, fit: UvFit | None) -> str:
-    """The name of the texture coordinates that pictures lie over: a mesh's own, or `st_bake`, which is made of them."""
+    """Returns the name of the pictures' texture coordinates: the mesh's own, or `st_bake`, authored here from them."""
     primvar = uv_primvar(mesh)
     if primvar is None:
         raise ValueError(f"{mesh.GetPath()}: has baked pictures but no texture coordinates to show them with")
@@ -198,7 +198,7 @@ def _define_uvs(mesh: Usd.Prim, fit: UvFit | None) -> str:
 
 
 def define_material(prim: Usd.Prim, name: str) -> UsdShade.Material:
-    """A new material in the scope `Looks` under the root prim above a prim."""
+    """Defines a new material in the scope `Looks` under the root prim above a prim."""
     stage = prim.GetStage()
     looks = stage.GetPrimAtPath(_root(prim).GetPath().AppendChild("Looks"))
     if not looks:
@@ -207,7 +207,7 @@ def define_material(prim: Usd.Prim, name: str) -> UsdShade.Material:
 
 
 def _define_emitter(receiver: Usd.Prim) -> UsdShade.Material:
-    """A new material `<Receiver>_baked`, with a surface that reflects nothing."""
+    """Defines a new material `<Receiver>_baked`, with a surface that reflects nothing."""
     material = define_material(receiver, f"{receiver.GetName()}_baked")
     surface = define_shader(material, "Surface", "UsdPreviewSurface")
     black = Gf.Vec3f(0.0)
@@ -215,7 +215,7 @@ def _define_emitter(receiver: Usd.Prim) -> UsdShade.Material:
     surface.CreateInput("useSpecularWorkflow", Sdf.ValueTypeNames.Int).Set(1)
     surface.CreateInput("specularColor", Sdf.ValueTypeNames.Color3f).Set(black)
     surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(1.0)
-    # Blender takes its reflection from this and not from the specular colour.
+    # Blender takes reflection from this, not from the specular colour.
     surface.CreateInput("ior", Sdf.ValueTypeNames.Float).Set(1.0)
     material.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
     return material
@@ -227,14 +227,14 @@ def _emit(material: UsdShade.Material, color: UsdShade.Output) -> None:
 
 
 def define_shader(material: UsdShade.Material, name: str, identifier: str) -> UsdShade.Shader:
-    """A shader of a material, by the name of its node."""
+    """Defines a shader inside a material; the identifier names its node type."""
     shader = UsdShade.Shader.Define(material.GetPrim().GetStage(), material.GetPath().AppendChild(name))
     shader.CreateIdAttr(identifier)
     return shader
 
 
 def _bind(receiver: Usd.Prim, material: UsdShade.Material) -> None:
-    """Binds a material in the variant `baked`, for each purpose in which the user's own would still be seen."""
+    """Binds a material in the variant `baked`, for each purpose in which the user's own would still show."""
     root = _root(receiver)
     variants = root.GetVariantSets().AddVariantSet(VARIANT_SET)
     for variant in (OWN_LOOK, BAKED_LOOK):
@@ -254,5 +254,5 @@ def _bind(receiver: Usd.Prim, material: UsdShade.Material) -> None:
 
 
 def _root(prim: Usd.Prim) -> Usd.Prim:
-    """The root prim above (or at) a prim: the default prim on a stage made to be referenced."""
+    """Returns the root prim above (or at) a prim; usually the stage's default prim."""
     return prim.GetStage().GetPrimAtPath(prim.GetPath().GetPrefixes()[0])

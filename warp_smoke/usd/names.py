@@ -1,4 +1,4 @@
-"""Which USD attribute holds which field of a scene record; the reader and the author share these names."""
+"""The USD attribute that holds each field of a scene record, for both reading and authoring."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -79,12 +79,12 @@ CAMERA = {
 
 
 def smoke_attribute(field: str) -> str:
-    """The attribute of a field: `time_scale` → `smoke:timeScale`."""
+    """Returns the attribute of a field: `time_scale` → `smoke:timeScale`."""
     first, *rest = field.split("_")
     return "smoke:" + first + "".join(word.capitalize() for word in rest)
 
 
 def smoke_fields(record: type[Record], attributes: Mapping[str, object]) -> dict[str, str]:
-    """Fields of a record type → attribute, for those among `attributes` that it has."""
+    """Maps the fields of a record type to their attributes, for those found in `attributes`."""
     names = {field.name: smoke_attribute(field.name) for field in fields(record)}
     return {field: attribute for field, attribute in names.items() if attribute in attributes}

@@ -1,4 +1,4 @@
-"""Results opened for another look at them: with the materials that the stage had before its light was baked."""
+"""Opening results with the stage's own materials, as they were before its lighting was baked."""
 
 from pathlib import Path
 
@@ -13,10 +13,10 @@ from warp_smoke.usd.read import read_scene, read_stage
 
 @usd_kept_quiet()
 def open_in_own_look(path: str | Path) -> tuple[Usd.Stage, Scene]:
-    """A stage, or the one that a run wrote into a folder, with the look that it had before the bake.
+    """Opens a stage, or the one that a run wrote into a folder, with its materials from before the bake, and reads it.
 
     Raises:
-        ValueError: as `read_scene`, or the folder does not hold the results of one run.
+        ValueError: as in `read_scene`, or the folder does not hold the results of one run.
     """
     file = find_stage(path)
     scene = read_scene(file)

@@ -1,4 +1,4 @@
-"""Finding, freeing and animating prims while results are authored over a user's stage."""
+"""Access to prims, and animated values, for authoring results over a user's stage."""
 
 from collections.abc import Mapping
 
@@ -11,7 +11,7 @@ PAIRS = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]", "double2[]"
 
 
 def editable(stage: Usd.Stage, path: str) -> Usd.Prim:
-    """The prim at a path, with every native instance around it made single, so that it can carry its own results.
+    """Returns the prim at a path, after making every native instance around it uninstanced, so that it can be edited.
 
     Raises:
         ValueError: there is no such prim.
@@ -29,7 +29,7 @@ def editable(stage: Usd.Stage, path: str) -> Usd.Prim:
 
 
 def free_path(parent: Usd.Prim, name: str) -> Sdf.Path:
-    """A path for a new child: its name, or with _2, _3, … where that is taken."""
+    """Returns a free path for a new child: the name, with _2, _3, … appended if it is taken."""
     path = parent.GetPath().AppendChild(name)
     number = 2
     while parent.GetStage().GetPrimAtPath(path):
@@ -39,7 +39,7 @@ def free_path(parent: Usd.Prim, name: str) -> Sdf.Path:
 
 
 def check_frames(path: str, field: str, value: object) -> None:
-    """Raises FieldError where a value for each frame has a frame that is not whole, a gap, or no frame at all."""
+    """Raises FieldError if a mapping over frames has a fractional frame, a gap, or no frame at all."""
     if not isinstance(value, Mapping):
         return
     frames = sorted(value)
@@ -48,10 +48,9 @@ def check_frames(path: str, field: str, value: object) -> None:
 
 
 def set_over_time(attribute: Usd.Attribute, value: object) -> None:
-    """Sets one value, or a mapping's value for each frame and its last one as the default.
+    """Sets a plain value; or of a mapping, the value at each frame, and the last one as the default.
 
-    The default is what readers see that know no time. The last frame, because smoke grows: a still picture of the
-    first would show none.
+    Readers that ignore time see the default. It is the last frame because smoke grows: the first would show none.
     """
     if not isinstance(value, Mapping):
         attribute.Set(value)
@@ -62,7 +61,7 @@ def set_over_time(attribute: Usd.Attribute, value: object) -> None:
 
 
 def uv_primvar(mesh: Usd.Prim) -> UsdGeom.Primvar | None:
-    """A mesh's own texture coordinates: the primvar `st`, else the first with pairs of numbers, None without any."""
+    """Returns a mesh's own texture coordinates: the primvar `st`, else the first of pairs of numbers, else None."""
     primvars = [
         primvar
         for primvar in UsdGeom.PrimvarsAPI(mesh).FindPrimvarsWithInheritance()

@@ -243,4 +243,3 @@ GPRIMS = {
     "Capsule": (("radius", "height"), lru_cache(Mesh.capsule)),
     "Plane": (("width", "length"), lru_cache(_make_plane)),
 }
-PAIRS = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]", "double2[]", "half2[]")
