@@ -1,7 +1,7 @@
-"""How a light weakens with distance and angle, one function a formula.
+"""How a light weakens with distance and angle, one function per formula.
 
 Sources: F. Luna, *Introduction to 3D Game Programming with DirectX 12*, chapter 8 (linear falloff, spot power); the
-TyphoonLabs GLSL course (polynomial); UsdLux `ShapingAPI` (focus and cone). Every answer is finite, at the light too.
+TyphoonLabs GLSL course (polynomial); UsdLux `ShapingAPI` (focus and cone). All results are finite, even at the light.
 """
 
 import warp as wp

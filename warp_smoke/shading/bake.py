@@ -1,11 +1,11 @@
-"""Baking: the light that reaches each point of a receiver, per light, put together into pictures each frame.
+"""Baking: the light that reaches each point of a receiver, per light, summed into pictures each frame.
 
 With B, l of light L at a point (`light_source.py`), V its visibility past surfaces and T the smoke's transmittance:
 
 - `lit` = emissive + ambient ⊗ c + Σ_L V T ⊗ B ⊗ (m_d + R_F (m + 8)/8 (n·h)ᵐ) max(l·n, 0), F. Luna's LitColor, or
-  what the material's reflection is (`blinn_phong`), with the base colour c;
+  the material's own reflection model (`blinn_phong`), with the base colour c;
 - `irradiance` = ambient + Σ_L V T ⊗ B max(l·n, 0), irradiance/π: what a white matte surface would look like;
-- `normal`: the direction that light is reflected by, along the stage's axes;
+- `normal`: the shading normal, along the stage's axes;
 - `visibility` = Σ_L w V / Σ_L w, the share of the light that surfaces let through, and
 - `smokeShadow` = Σ_L w V T / Σ_L w V, the share of the remaining light that smoke lets through, with the luminance
   w = Y(B) max(l·n, 0) of the light that would arrive; 1 where none would. So visibility · smokeShadow is the share of
@@ -41,15 +41,15 @@ from warp_smoke.shading.vertices import VertexMap
 class ReceiverBake:
     """The light on one receiver, and the pictures baked for it.
 
-    Whoever computes shadows writes them into `visibility` and `transmittance`; nothing is recomputed here while
-    light, receiver and camera stand still, apart from the pictures that are asked for.
+    The caller computes shadows and writes them into `visibility` and `transmittance`; while light, receiver and camera
+    stand still, nothing is recomputed here but the requested pictures.
 
     Attributes:
         map: the points that are baked, a `TexelMap`, or a `VertexMap` if the texture coordinates hold no picture.
         visibility: by path of light, [n] float32, the share that surfaces let through; 1 until written.
         transmittance: by path of light, [1, n] float32, the share that smoke lets through, or [3, n] for red, green
             and blue where the smoke is coloured; 1 until written.
-        smoke_points: the points that these are of, [n] vec3; fewer after `limit_smoke`.
+        smoke_points: the points that `transmittance` belongs to, [n] vec3; fewer after `limit_smoke`.
         warnings: what could not be done as asked.
     """
 
@@ -74,12 +74,12 @@ class ReceiverBake:
             surface: a surface with a receiver, which gives the texture's size.
             lights: those that can reach it.
             origin: world position of set space's origin, [3] float64.
-            bakes: pictures that will be asked for, of `scene.SURFACE_BAKES`.
+            bakes: pictures that will be requested, of `scene.SURFACE_BAKES`.
             ambient: light from everywhere, linear RGB.
-            camera: whose view the highlights are seen from; None leaves them out.
+            camera: the camera that highlights are seen from; None leaves them out.
             shadowed: paths of the lights from which surfaces shadow it.
             smoke_shadowed: paths of the lights from which smoke shadows it.
-            color_shadowed: those of them whose light is coloured by it.
+            color_shadowed: those of `smoke_shadowed` whose light the smoke colours.
 
         Raises:
             FieldError: a texture cannot be read.
@@ -118,9 +118,9 @@ class ReceiverBake:
         self.warnings = warnings
 
     def _allocate_light(self, bakes: Collection[str], ambient: tuple[float, float, float]) -> None:
-        """Room for each light's share of the bakes, and for their sums."""
+        """Allocates each light's contribution to the bakes, and their sums."""
         launcher, count = self._launcher, self.map.count
-        by_light = (len(self._lights), max(count, 1))  # Warp takes no row of an empty array
+        by_light = (len(self._lights), max(count, 1))  # Warp cannot take a row of an empty array
         self._radiance = self._irradiance = self._weights = None
         if "lit" in bakes:
             self._radiance = launcher.zeros(by_light, "bake", dtype=wp.vec3)
@@ -143,12 +143,12 @@ class ReceiverBake:
         return points
 
     def _make_shares(self, channels: Sequence[int], count: int) -> tuple[Shares, dict[str, wp.array]]:
-        """Ones for each light with so many channels, and views of its rows by path."""
+        """Makes shares of 1 with each light's number of channels, and views of its rows by path."""
         shares, views = make_shares(self._launcher, channels, count)
         return shares, {light.path: view for light, view in zip(self._lights, views, strict=True) if view is not None}
 
     def update(self, time: float) -> None:
-        """Brings points, normals and unshadowed light to a time code; computes only what changed."""
+        """Updates points, normals and unshadowed light to a time code; computes only what changed."""
         moved = self.map.update(time)
         eye = np.zeros(4)
         if self._camera is not None:
@@ -169,7 +169,7 @@ class ReceiverBake:
         look_up_detail(self._launcher, count, self._looks, self._points, eye, self._ambient, self._detail)
 
     def _shade(self, index: int, changed: bool, looked: bool) -> None:
-        """Light number `index` on the receiver, after the light or the receiver `changed`, or the eye moved."""
+        """Shades the receiver by a light, if the light or the receiver `changed` or the eye moved (`looked`)."""
         args = (self._launcher, self.map.count, self._sources[index])
         if changed and self._weights is not None:
             weigh_light(*args, self._points, self._detail, self._weights[index])
@@ -180,20 +180,20 @@ class ReceiverBake:
             shade_light(*args, self._looks, self._points, self._detail, eye, self._radiance[index])
 
     def brightest_light(self) -> tuple[Light | None, float]:
-        """The light that gives `lit` its largest value without shadows, linear; None and 0 without any."""
+        """Returns the light with the largest unshadowed value in `lit`, and that value, linear; None and 0 if none."""
         values = [float(radiance.max(initial=0.0)) for radiance in self._radiance.numpy()] if self._lights else []
         return max(zip(self._lights, values, strict=True), key=lambda pair: pair[1], default=(None, 0.0))
 
     def picture(self, bake: str) -> np.ndarray:
-        """One of the receiver's bakes as it now stands.
+        """Computes the current picture of one of the receiver's bakes.
 
         Args:
             bake: one of `bakes`.
 
         Returns:
-            From a `TexelMap` lit as sRGB [h, w, 3], or [h, w, 4] with opacity where there is any, irradiance as linear
-            [h, w, 3], normal as directions [h, w, 3], and shares as raw [h, w]; uint8, or uint16 where the receiver
-            asks for 16 bits and always for irradiance; first row at the top. From a `VertexMap` linear RGB or
+            For a `TexelMap`: lit as sRGB [h, w, 3], or [h, w, 4] with opacity if a material is see-through, irradiance
+            as linear [h, w, 3], normal as directions [h, w, 3], and shares as raw [h, w]; uint8, or uint16 where the
+            receiver asks for 16 bits and always for irradiance; first row at the top. For a `VertexMap`: linear RGB or
             directions [n, 3], or shares [n], float32.
         """
         if bake == "normal":
@@ -209,22 +209,22 @@ class ReceiverBake:
         return self._draw(bake, self._put_together(bake, self._part.points, self._transmittance), self._part.change)
 
     def pictures(self, bakes: Collection[str]) -> dict[str, np.ndarray]:
-        """Some of the receiver's bakes as they now stand; after `limit_smoke` the same ones each time.
+        """Computes the current pictures of some bakes; after `limit_smoke` these must be the same each time.
 
-        What smoke shadows as it did the last time is then not put together again.
+        Texels on which the smoke's shadow has not changed since the last call are then not recomputed.
         """
         if self._part is not None:
             find_changes(self._launcher, self._transmittance, self._part.before, self._part.change.flags)
         return {bake: self.picture(bake) for bake in bakes}
 
     def limit_smoke(self, reached: np.ndarray) -> None:
-        """Says that from here on nothing changes but the smoke, and whom that can reach.
+        """Declares that from here on only the smoke changes, and which points it can shadow.
 
-        The pictures are then put together anew there alone. Values at points are still put together everywhere.
+        Pictures are then recomputed only there. Values at points (`VertexMap`) are still recomputed everywhere.
 
         Args:
             reached: indices of the points that smoke may shadow, [k], ascending; `transmittance` and `smoke_points`
-                are of these from now on.
+                belong to these from now on.
         """
         if isinstance(self.map, VertexMap):
             return
@@ -235,7 +235,7 @@ class ReceiverBake:
         self.smoke_points = self._launcher.array(self.map.points.numpy()[reached], "bake", dtype=wp.vec3)
 
     def _draw(self, bake: str, values: wp.array, *change: Change) -> np.ndarray:
-        """A bake's picture with new values, at all points or where they change."""
+        """Draws a bake's picture with new values, at all points or where they change."""
         if bake == "smokeShadow":
             return self.map.share_picture(bake, values, *change)
         if bake == "irradiance":
@@ -246,7 +246,7 @@ class ReceiverBake:
         return codes
 
     def _put_together(self, bake: str, points: wp.array, transmittance: Shares) -> wp.array:
-        """The values of a bake at some points, with the smoke's transmittance there."""
+        """Computes the values of a bake at some points, with the smoke's transmittance there."""
         flags = self._part.change.flags if self._part is not None and points is self._part.points else self._always
         args = (self._visibility, transmittance)
         if bake == "smokeShadow":
@@ -262,14 +262,14 @@ class _Part:
 
     Attributes:
         points: their indices, [k].
-        change: where a picture shows them, and which of them smoke shadows in another way than before.
+        change: where a picture shows them, and on which of them the smoke's shadow has changed.
         before: the smoke's transmittance that the pictures show.
-        unshadowed: no smoke, for the rest.
-        drawn: the bakes whose pictures show the rest.
+        unshadowed: transmittance without smoke, for the other texels.
+        drawn: the bakes whose pictures already show the other texels.
     """
 
     def __init__(self, launcher: Launcher, texels: TexelMap, reached: np.ndarray, before: Shares, unshadowed: Shares):
-        index = np.full(texels.count + 1, -1, np.int32)  # with one for places that show no texel
+        index = np.full(texels.count + 1, -1, np.int32)  # with one more for places that show no texel
         index[reached] = np.arange(len(reached))
         self.points = launcher.array(np.asarray(reached, np.int32), "bake")
         self.change = Change(launcher, index[texels.picture.source])

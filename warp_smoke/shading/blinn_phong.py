@@ -1,4 +1,4 @@
-"""Blinn-Phong reflection with Schlick's Fresnel term and its variants, one function a formula.
+"""Blinn-Phong reflection with Schlick's Fresnel term and its variants, one function per formula.
 
 Source: F. Luna, *Introduction to 3D Game Programming with DirectX 12*, chapter 8; R. Schlick, "An Inexpensive BRDF
 Model for Physically-based Rendering", 1994. Vectors are unit length and point away from the surface.

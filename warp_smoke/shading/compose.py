@@ -1,4 +1,4 @@
-"""Light put together from each light's radiance and the shares of it that surfaces and smoke let through."""
+"""Sums of each light's radiance, times the shares of it that surfaces and smoke let through."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,7 @@ class Shares:
 
     Attributes:
         values: [rows, n].
-        row: of each light, those of red, green and blue; −1 where all of it is let through.
+        row: rows of each light for red, green and blue; −1 where all of it is let through.
     """
 
     values: wp.array2d[float]
@@ -26,7 +26,7 @@ class Shares:
 
 
 def make_shares(launcher: Launcher, channels: Sequence[int], count: int) -> tuple[Shares, list[wp.array | None]]:
-    """Ones for each light and point, and a view of each light's rows.
+    """Makes shares of 1 for each light and point, and a view of each light's rows.
 
     Args:
         launcher: where to allocate.
@@ -52,13 +52,13 @@ def add_lights(
     transmittance: Shares,
     lit_out: wp.array,
 ) -> None:
-    """Writes the light of some points, linear RGB [k] vec3.
+    """Writes the light at some points, linear RGB [k] vec3.
 
     Args:
         launcher: where to compute.
         points: which of the n points, [k].
         flags: 0 for those of them that are left as they are, [k] uint8.
-        unlit: light without any light, [n] vec3.
+        unlit: light without any of the lights, [n] vec3.
         radiance: of each light, [lights, n] vec3.
         visibility: at all n points.
         transmittance: at those k points.
@@ -68,7 +68,7 @@ def add_lights(
 
 
 def average_visibility(launcher: Launcher, weights: wp.array, visibility: Shares, shares_out: wp.array) -> None:
-    """Writes the mean share that surfaces let through, [n]; lights are weighed by [lights, n]."""
+    """Writes the mean share that surfaces let through, [n]; `weights` of the lights are [lights, n]."""
     launcher.launch_each(_average_visibility, len(shares_out), weights, visibility, shares_out)
 
 
@@ -81,19 +81,19 @@ def average_transmittance(
     transmittance: Shares,
     shares_out: wp.array,
 ) -> None:
-    """Writes the mean share that smoke lets through at some points, as `add_lights`."""
+    """Writes the mean share that smoke lets through at some points; see `add_lights` for the arguments."""
     args = (points, flags, weights, visibility, transmittance, shares_out)
     launcher.launch_each(_average_transmittance, len(points), *args)
 
 
 def find_changes(launcher: Launcher, now: Shares, before_inout: Shares, flags_out: wp.array) -> None:
-    """Flags the points at which any share is another one than before, [k] uint8, and brings `before` up to date."""
+    """Flags the points at which any share has changed, [k] uint8, and updates `before`."""
     launcher.launch_each(_find_changes, len(flags_out), now.values, before_inout.values, flags_out)
 
 
 @wp.func
 def share_at(shares: Shares, light: int, s: int):
-    """The share of a light that is let through, for each of red, green and blue."""
+    """The share of a light that is let through, as red, green and blue."""
     row = shares.row[light]
     if row[0] < 0:
         return wp.vec3(1.0, 1.0, 1.0)

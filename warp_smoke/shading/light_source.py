@@ -1,16 +1,16 @@
-"""The light that reaches a point: radiometry of UsdLux lights, as the shading formulas take it.
+"""The light that reaches a point: radiometry of UsdLux lights, in the form that the shading formulas take.
 
 `B` is the irradiance of a surface that faces the light, divided by π, linear RGB, so that B ⊗ m_d is the radiance that
-a matte surface of albedo m_d reflects. With intensity I (exposure and colour temperature are already in it):
+a matte surface of albedo m_d reflects. With intensity I (which includes exposure and colour temperature):
 
 - Sphere of radius r (in the world), centre at distance d. UsdLux gives it the radiance I, or with `normalize`
   I/(4π r²), I over its area. A sphere's irradiance is radiance · π r²/d², so B = I r²/d², or with `normalize`
-  B = I/(4π d²). A point (r = 0) has no area to multiply by: its intensity always counts as normalized.
+  B = I/(4π d²). A point (r = 0) has no area: its intensity always counts as normalized.
 - Distant light that fills a cone of half angle α = angle/2. Its irradiance is radiance · π sin²α, so B = I sin²α;
   `normalize` divides the radiance by π sin²α, so that I is the irradiance and B = I/π. A light without width
   (angle = 0) always counts as normalized, and one wider than a hemisphere as a hemisphere.
 
-The other falloff models stand in for 1/d²: B = S · attenuation(d) with S = I r² or I/(4π). So the polynomial (0, 0, 1)
+The other falloff models replace 1/d²: B = S · attenuation(d) with S = I r² or I/(4π). So the polynomial (0, 0, 1)
 equals inverseSquare, and a light of strength S with 1/(k₂ d²) is an inverseSquare light of intensity I = 4π S/k₂.
 """
 
@@ -42,15 +42,15 @@ class LightSource:
     """A light at one time, in set space.
 
     Attributes:
-        kind: distant, point or spot.
+        kind: `_DISTANT`, `_POINT` or `_SPOT`.
         strength: B before attenuation, linear RGB.
         position: of a point or spot light, [3] [stage units].
         direction: unit vector in which a distant or spot light shines.
-        falloff: its place in `FALLOFF_MODELS`.
+        falloff: index of the falloff model in `FALLOFF_MODELS`.
         falloff_start: distance at which the linear falloff begins [stage units].
         falloff_end: no light beyond this distance [stage units].
         attenuation: k₀, k₁, k₂ of the polynomial falloff.
-        cone_inner, cone_outer: where a cone's edge begins and ends to fade [rad].
+        cone_inner, cone_outer: angles from the axis at which a cone's edge begins to fade and ends [rad].
         focus: exponent of cos θ.
     """
 
@@ -68,7 +68,7 @@ class LightSource:
 
 
 def light_source(light: Light, origin: np.ndarray, time: float) -> LightSource:
-    """A light of the scene at a time code.
+    """Returns a light of the scene as it is at a time code.
 
     Args:
         light: a distant, point or spot light.
@@ -98,7 +98,7 @@ def light_source(light: Light, origin: np.ndarray, time: float) -> LightSource:
 
 
 def _strength(light: Light, time: float) -> float:
-    """B before attenuation and colour; see the module's derivation."""
+    """Returns B before attenuation and colour; see the module's derivation."""
     if not value_at(light.enabled, time):
         return 0.0
     intensity = float(value_at(light.intensity, time))
@@ -135,7 +135,7 @@ def incident_light(light: LightSource, p: wp.vec3):
     share = attenuate(light, wp.length(offset))
     if light.kind == _SPOT:
         cos_angle = -wp.dot(to_light, light.direction)
-        # atan2 of both keeps small angles exact, where acos of the cosine does not.
+        # atan2 of sine and cosine keeps small angles exact; acos of the cosine does not.
         angle = wp.atan2(wp.length(wp.cross(to_light, light.direction)), cos_angle)
         share *= shape_focus(cos_angle, light.focus) * shape_cone(angle, light.cone_inner, light.cone_outer)
     return to_light, light.strength * share

@@ -1,4 +1,4 @@
-"""Materials and their pictures on the device: one table for all that is shaded together."""
+"""Materials and their pictures on the device: one table for everything that is shaded together."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -33,7 +33,7 @@ _FARTHEST = wp.constant(1.0e9)
 
 @wp.struct
 class TextureLook:
-    """A picture in `Looks.texels`, and how it lies on a surface: texel coordinates of uv are turned · uv + moved."""
+    """A picture in `Looks.texels`, and its placement on a surface: uv has the texel coordinates turned · uv + moved."""
 
     first: int
     width: int
@@ -49,7 +49,7 @@ class TextureLook:
 
 @wp.struct
 class MaterialLook:
-    """A `Material`; its textures by their index, −1 for none, its tokens by their place in `warp_smoke.material`."""
+    """A `Material`, with textures as indices (−1 for none), tokens as indices into tuples of `warp_smoke.material`."""
 
     diffuse: wp.vec3
     r0: wp.vec3
@@ -85,11 +85,11 @@ class Looks:
 
 
 def make_looks(launcher: Launcher, materials: Sequence[Material]) -> Looks:
-    """Reads the materials' pictures and puts all on the device; a picture that several share is there once.
+    """Reads the materials' pictures and copies everything to the device; a shared picture is stored once.
 
     Args:
         launcher: where to allocate.
-        materials: those of the surfaces that are shaded.
+        materials: the materials of the surfaces that are shaded.
 
     Raises:
         FieldError: a texture's file cannot be read.
@@ -105,7 +105,7 @@ def make_looks(launcher: Launcher, materials: Sequence[Material]) -> Looks:
 
 
 class _TextureTable:
-    """Textures and their pictures' texels, as they go to the device.
+    """Textures and their pictures' texels, as they are copied to the device.
 
     Attributes:
         textures: in the order in which they were added.
@@ -115,11 +115,11 @@ class _TextureTable:
     def __init__(self):
         self.textures: list[TextureLook] = []
         self.texels: list[np.ndarray] = []
-        self._places: dict[tuple, tuple[int, int, int]] = {}  # of each picture: first texel, width, height
+        self._places: dict[tuple, tuple[int, int, int]] = {}  # by picture: first texel, width, height
         self._count = 0
 
     def add(self, texture: Texture, key: tuple, read: Callable[[], Picture]) -> int:
-        """Adds a texture, and its picture unless one with this key is there; returns the texture's index."""
+        """Adds a texture, and its picture unless this key is already stored; returns the texture's index."""
         if key not in self._places:
             linear = read().linear()
             self._places[key] = self._count, linear.shape[1], linear.shape[0]
@@ -130,7 +130,7 @@ class _TextureTable:
 
 
 def _material_look(material: Material, table: _TextureTable) -> MaterialLook:
-    """A material as kernels see it; its textures are added to the table."""
+    """Returns a material in the form that kernels take, and adds its textures to the table."""
     look = MaterialLook()
     look.diffuse, look.r0 = wp.vec3(*material.diffuse_color), wp.vec3(*material.fresnel_r0)
     look.emissive = wp.vec3(*material.emissive_color)
@@ -153,7 +153,7 @@ def _material_look(material: Material, table: _TextureTable) -> MaterialLook:
 
 
 def without_coordinates(material: Material, surface: str) -> tuple[Material, tuple[str, ...]]:
-    """A material as a surface without texture coordinates, by its path, shows it; and a warning where that matters."""
+    """Returns a material without pictures, for a surface without texture coordinates, and a warning if it had any."""
     if not material.has_pictures:
         return material, ()
     warning = f"{surface}: the textures of {material.path} have no coordinates; its colours are used"
@@ -161,7 +161,7 @@ def without_coordinates(material: Material, surface: str) -> tuple[Material, tup
 
 
 def without_relief(material: Material) -> Material:
-    """A material whose surface has no tangents."""
+    """Returns a material without the textures that need tangents."""
     return replace(material, normal_texture=None, height_texture=None)
 
 
@@ -171,7 +171,7 @@ def _texture_look(texture: Texture, first: int, width: int, height: int) -> Text
     look.wrap_s, look.wrap_t = WRAP_MODES.index(texture.wrap_s), WRAP_MODES.index(texture.wrap_t)
     look.channel = CHANNELS.index(texture.channel)
     look.scale, look.bias = wp.vec4(*texture.scale), wp.vec4(*texture.bias)
-    # UsdTransform2d scales, then turns, then moves; rows run from the top, so v changes sign.
+    # UsdTransform2d scales, then rotates, then translates; rows run from the top, so v changes sign.
     angle = math.radians(texture.uv_rotation)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     to_texels = np.array([[width, 0.0], [0.0, -height]])
@@ -182,7 +182,7 @@ def _texture_look(texture: Texture, first: int, width: int, height: int) -> Text
 
 @wp.func
 def _wrap(index: int, count: int, mode: int):
-    """The texel that stands for one outside the picture; −1 for black."""
+    """The texel to use for an index that may lie outside the picture; −1 for black."""
     if mode == _REPEAT:
         m = index % count
         return wp.where(m < 0, m + count, m)
@@ -197,7 +197,7 @@ def _wrap(index: int, count: int, mode: int):
 
 @wp.func
 def _texel(looks: Looks, first: int, column: int):
-    """A texel of the row that starts at `first`; black where either is −1."""
+    """A texel of the row that starts at `first`; black where either index is −1."""
     if first < 0 or column < 0:
         return wp.vec4(0.0)
     return looks.texels[first + column]
@@ -235,7 +235,7 @@ def sample_texture(looks: Looks, index: int, uv: wp.vec2):
 
 @wp.func
 def sample_number(looks: Looks, index: int, uv: wp.vec2):
-    """The channel that a texture of numbers stands for; red where it names all three."""
+    """The channel that a texture of numbers uses; red where it names all three."""
     rgba = sample_texture(looks, index, uv)
     return rgba[wp.clamp(looks.textures[index].channel, _RED, _ALPHA) - _RED]
 
@@ -259,7 +259,7 @@ def share_of(looks: Looks, index: int, uv: wp.vec2, plain: float):
 
 @wp.func
 def opacity_at(looks: Looks, m: MaterialLook, uv: wp.vec2):
-    """Share of what lies behind that a surface hides: 0 or 1 where the material has a threshold."""
+    """Share of the light from behind that a surface hides: 0 or 1 where the material has a threshold."""
     opacity = share_of(looks, m.opacity_texture, uv, m.opacity)
     if m.opacity_threshold > 0.0:
         return wp.where(opacity >= m.opacity_threshold, 1.0, 0.0)

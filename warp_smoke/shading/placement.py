@@ -1,4 +1,4 @@
-"""Where a surface stands at a time: its points and corner normals in set space (world − origin)."""
+"""A surface placed at a time: its points and corner normals in set space (world − origin)."""
 
 import numpy as np
 
@@ -7,13 +7,13 @@ from warp_smoke.scene import Surface
 
 
 def place_points(surface: Surface, origin: np.ndarray, time: float) -> np.ndarray:
-    """Points in set space, [n, 3] float32."""
+    """Returns a surface's points in set space, [n, 3] float32."""
     points = transform_points(surface.transform_at(time), surface.mesh.points_at(time))
     return (points - origin).astype(np.float32)
 
 
 def place_normals(surface: Surface, time: float, smooth: bool = False) -> np.ndarray:
-    """Unit normals at each corner, [m, 3, 3] float32: the mesh's own, or flat, or `smooth`; zero without area."""
+    """Returns unit corner normals, [m, 3, 3] float32: the mesh's, or else flat or `smooth` ones; zero without area."""
     mesh = surface.mesh
     normals = mesh.normals_at(time)
     if normals is None:
@@ -22,14 +22,14 @@ def place_normals(surface: Surface, time: float, smooth: bool = False) -> np.nda
 
 
 class Placement:
-    """Remembers where a surface stood, so that nothing is placed again while it stands still."""
+    """Remembers where a surface was, so that nothing is placed again while it does not move."""
 
     def __init__(self, surface: Surface):
         self._surface = surface
         self._last = None
 
     def changed(self, time: float) -> bool:
-        """Whether the surface stands elsewhere than at the last call; True at the first one."""
+        """Returns whether the surface has moved since the last call; True at the first one."""
         mesh = self._surface.mesh
         now = (self._surface.transform_at(time), mesh.points_at(time), mesh.normals_at(time))
         before, self._last = self._last, now

@@ -1,4 +1,4 @@
-"""Rays from the camera to the surfaces that they meet, and the light of surfaces put together into a picture."""
+"""Rays from the camera to the surfaces that they hit, and the picture composed from the light of these surfaces."""
 
 import warp as wp
 
@@ -12,8 +12,8 @@ from warp_smoke.shading.view import View, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 
-# Holes that a ray passes at most, and how far beyond one, or a surface that is seen through, it goes on, as a share
-# of its length.
+# The most holes that a ray passes, and how far beyond a hole or a see-through surface it continues, as a share of its
+# length.
 _MOST_HOLES = wp.constant(64)
 _ONWARD = wp.constant(1.0e-5)
 
@@ -25,8 +25,8 @@ class Hits:
     Attributes:
         triangle: index, −1 for none.
         weights: of the triangle's second and third corner.
-        distance: along the ray, to the surface or the end of sight.
-        opacity: share of what lies behind that the surface hides; one element where nothing is seen through.
+        distance: along the ray, to the surface or the far distance.
+        opacity: share of the light from behind that the surface hides; one element where no material is see-through.
     """
 
     triangle: wp.array[int]
@@ -36,7 +36,7 @@ class Hits:
 
 
 def allocate_hits(launcher: Launcher, count: int, is_blended: bool) -> Hits:
-    """Room for the hits of `count` rays."""
+    """Allocates the hits of `count` rays."""
     hits = Hits()
     hits.triangle = launcher.zeros(count, "picture", dtype=int)
     hits.weights = launcher.zeros(count, "picture", dtype=wp.vec2)
@@ -47,13 +47,13 @@ def allocate_hits(launcher: Launcher, count: int, is_blended: bool) -> Hits:
 
 @wp.func
 def corner_weights(query: wp.MeshQueryRay):
-    """Of the first, second and third corner of the triangle that was hit."""
+    """Weights of the first, second and third corner of the triangle that was hit."""
     return wp.vec3(query.u, query.v, 1.0 - query.u - query.v)
 
 
 @wp.func
 def hit_opacity(looks: Looks, table: TriangleTable, i: int, w: wp.vec3):
-    """Opacity of triangle i at a place."""
+    """Opacity of triangle i at the point with corner weights w."""
     m = looks.materials[table.material[i]]
     if m.opacity >= 1.0 and m.opacity_texture < 0:
         return 1.0
@@ -65,7 +65,7 @@ def hit_opacity(looks: Looks, table: TriangleTable, i: int, w: wp.vec3):
 
 @wp.func
 def turned_facet(mesh: wp.uint64, table: TriangleTable, i: int, turned: float):
-    """Triangle i with its normals, turned around by −1."""
+    """Triangle i with its normals times `turned`, 1 or −1."""
     return Facet(
         wp.mesh_get_point(mesh, 3 * i),
         wp.mesh_get_point(mesh, 3 * i + 1),
@@ -80,7 +80,7 @@ def turned_facet(mesh: wp.uint64, table: TriangleTable, i: int, turned: float):
 def _first_hit(
     mesh: wp.uint64, looks: Looks, table: TriangleTable, eye: wp.vec3, direction: wp.vec3, start: float, end: float
 ):
-    """What a ray from the eye meets first between two distances where there is no hole, its distance and opacity."""
+    """The first hit of a ray from the eye between two distances that is not a hole; its distance and opacity."""
     begin = start
     opacity = wp.float32(0.0)
     query = wp.mesh_query_ray(mesh, eye + begin * direction, direction, end - begin)
@@ -108,10 +108,10 @@ def _cast_rays(
     points_out: SurfacePoints,
     hits_out: Hits,
 ):
-    """Pixel p's ray through (column + x, row + y): the first triangle it meets that has no hole there, and the point.
+    """Pixel p's ray through (column + x, row + y): the first triangle it hits that has no hole there, and the point.
 
-    It starts where the eye sees, or beyond the distance passed[p]; none is cast where that is negative. Surfaces are
-    seen from both sides: where the eye is behind, the normal is turned around.
+    It starts at the near distance, or beyond the distance passed[p]; none is cast where that is negative. Surfaces are
+    seen from both sides: where the eye is behind, the normal is flipped.
     """
     p = rows.first + wp.tid()
     direction = pixel_ray(view, p, x, y)
@@ -157,7 +157,7 @@ def _cast_rays(
 
 @wp.kernel
 def _pass_surfaces(rows: Rows, hits: Hits, passed_out: wp.array[float]):
-    """passed[p] = distance of a surface that is seen through; −1 where the ray ends."""
+    """passed[p] = distance of a see-through surface; −1 where the ray ends."""
     p = rows.first + wp.tid()
     passes = hits.triangle[p] >= 0 and hits.opacity[p] < 1.0
     passed_out[p] = wp.where(passes, hits.distance[p], -1.0)
@@ -217,7 +217,7 @@ def _add_light(
 def _interpolate(
     rows: Rows, hits: Hits, at_corners: wp.array[wp.vec3], missing: wp.vec3, at_pixels_out: wp.array[wp.vec3]
 ):
-    """Gouraud: at_pixels[p] = (1 − w₁ − w₂) c₀ + w₁ c₁ + w₂ c₂ of the triangle hit, or what stands for none."""
+    """Gouraud: at_pixels[p] = (1 − w₁ − w₂) c₀ + w₁ c₁ + w₂ c₂ of the triangle hit, or `missing` for none."""
     p = rows.first + wp.tid()
     i = hits.triangle[p]
     value = missing
@@ -238,7 +238,7 @@ def _show_background(rows: Rows, triangle: wp.array[int], background: wp.vec3, c
 
 @wp.kernel
 def _add_sample(rows: Rows, color: wp.array[wp.vec3], share: float, mean_inout: wp.array[wp.vec3]):
-    """mean[p] += share · color[p], without what is not finite."""
+    """mean[p] += share · color[p] where that is finite."""
     p = rows.first + wp.tid()
     c = color[p]
     if wp.isfinite(c):
@@ -272,33 +272,33 @@ def cast_rays(
         count: number of pixels n.
         mesh: the triangles in set space.
         looks: their materials.
-        view: from where.
+        view: the camera.
         place: of the ray in the pixel, (x, y).
         table: what is interpolated over the triangles.
-        passed: distance that each ray begins beyond, negative for none at all, [n].
-        points_out: what the rays meet.
-        hits_out: where.
+        passed: distance beyond which each ray begins, negative for no ray, [n].
+        points_out: the points that the rays hit.
+        hits_out: the hits.
     """
     args = (mesh.id, looks, view, *place, table, passed, points_out, hits_out)
     launcher.launch_each(_cast_rays, count, *args)
 
 
 def pass_surfaces(launcher: Launcher, count: int, hits: Hits, passed_out: wp.array) -> None:
-    """Writes how far the rays come that go on behind what they hit, −1 for the others, [n]."""
+    """Writes the distance of the hit for rays that continue behind it, −1 for the others, [n]."""
     launcher.launch_each(_pass_surfaces, count, hits, passed_out)
 
 
 def blend_behind(
     launcher: Launcher, count: int, hits: Hits, passed: wp.array, behind: wp.array, color_inout: wp.array
 ) -> None:
-    """Puts what rays see behind surfaces, [n] vec3, below the surfaces' colour, [n] vec3."""
+    """Blends what rays see behind see-through surfaces, [n] vec3, into the surfaces' colour, [n] vec3."""
     launcher.launch_each(_blend_behind, count, hits, passed, behind, color_inout)
 
 
 def receive_light(
     launcher: Launcher, count: int, hits: Hits, table: TriangleTable, takes: wp.array, visibility_inout: wp.array
 ) -> None:
-    """Lets surfaces ignore a light, or its shadows by surfaces; visibility [n]; takes as those of a `PictureLight`."""
+    """Lets surfaces ignore a light or its surface shadows in visibility [n]; `takes` as in `PictureLight`."""
     launcher.launch_each(_receive_light, count, hits.triangle, table.surface, takes, visibility_inout)
 
 
@@ -323,7 +323,7 @@ def add_light(
         transmittance: share that passes smoke, [1 or 3, n].
         hits: what the pixels show.
         table: of the triangles.
-        takes: which shadows count on each surface, as those of a `PictureLight`.
+        takes: which shadows count on each surface, as in `PictureLight`.
         color_inout: the sum, [n] vec3.
     """
     args = (radiance, visibility, transmittance, hits.triangle, table.surface, takes, color_inout)
@@ -333,7 +333,7 @@ def add_light(
 def interpolate_corners(
     launcher: Launcher, count: int, hits: Hits, at_corners: wp.array, missing: wp.vec3, at_pixels_out: wp.array
 ) -> None:
-    """Brings values at the corners of all triangles, [3 m] vec3, to the pixels, [n] vec3; `missing` where none is."""
+    """Interpolates values at triangle corners, [3 m] vec3, to the pixels, [n] vec3; `missing` where nothing was hit."""
     launcher.launch_each(_interpolate, count, hits, at_corners, missing, at_pixels_out)
 
 

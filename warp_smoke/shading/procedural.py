@@ -1,7 +1,7 @@
-"""Computed pictures: the Mandelbrot set, a checker, and noise.
+"""Computed pictures: the Mandelbrot set, a checkerboard, and noise.
 
 Sources: the TyphoonLabs GLSL course (Mandelbrot set and its colours); K. Perlin, "Improving Noise", 2002 (gradient
-noise with a quintic fade, here repeated at the picture's borders).
+noise with a quintic fade, here periodic over the picture).
 """
 
 import numpy as np
@@ -10,13 +10,13 @@ from warp_smoke.material import Procedural
 from warp_smoke.shading.srgb import encode_srgb_codes, srgb_levels
 from warp_smoke.shading.textures import Picture
 
-# Blend of the two outer colours for each iteration.
+# Step of the blend between the two outer colours per iteration.
 _BLEND = 0.05
 _OCTAVES = 5
 
 
 def make_picture(procedural: Procedural) -> Picture:
-    """The picture as it is written to a file: sRGB codes [size, size, 3], first row at the top."""
+    """Computes the picture as it is written to a file: sRGB codes [size, size, 3], first row at the top."""
     along = (np.arange(procedural.size) + 0.5) / procedural.size
     share, black = _SHARES[procedural.kind](procedural, along, along[::-1, None])
     first, second = np.array(procedural.color1), np.array(procedural.color2)
@@ -25,7 +25,7 @@ def make_picture(procedural: Procedural) -> Picture:
 
 
 def mandelbrot_iterations(c: np.ndarray, most: int) -> np.ndarray:
-    """Steps z ← z² + c from 0 until |z|² ≥ 4, or most + 1 if that takes more than `most`; int, as c (complex)."""
+    """Counts steps z ← z² + c from 0 until |z|² ≥ 4; `most` + 1 if it takes more; int, in the shape of c (complex)."""
     count = np.full(c.shape, most + 1)
     z, place, start = np.zeros(c.size, complex), np.arange(c.size), c.ravel()
     for step in range(1, most + 1):
@@ -37,7 +37,7 @@ def mandelbrot_iterations(c: np.ndarray, most: int) -> np.ndarray:
 
 
 def _mandelbrot(procedural: Procedural, u: np.ndarray, v: np.ndarray):
-    """Of c = 5 (uv − ½)/zoom + center; inside black, outside fract(0.05 · iterations) between the colours."""
+    """Mandelbrot set of c = 5 (uv − ½)/zoom + center: black inside, fract(0.05 · iterations) of a blend outside."""
     scale = 5.0 / procedural.zoom
     x, y = procedural.center
     c = (u - 0.5) * scale + x + 1j * ((v - 0.5) * scale + y)
@@ -60,14 +60,14 @@ def _noise(procedural: Procedural, u: np.ndarray, v: np.ndarray):
 
 
 def gradient_noise(x: np.ndarray, y: np.ndarray, period: int) -> np.ndarray:
-    """Perlin's noise in two dimensions, −1…1, zero at whole numbers, the same again after `period`.
+    """Computes two-dimensional Perlin noise, −1…1, zero at integers, periodic in `period`.
 
-    Coordinates are broadcast against each other: a picture's are quickest as a row and a column.
+    Coordinates are broadcast against each other: for a picture, a row and a column are fastest.
     """
     i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     f, g = x - i, y - j
 
-    # The directions of all whole numbers, unless there are more of them than places.
+    # A table of the directions at all integers, unless these outnumber the samples.
     table = _directions(*np.indices((period, period))) if period * period < np.broadcast(x, y).size else None
 
     def corner(a: int, b: int) -> np.ndarray:
@@ -82,13 +82,13 @@ def gradient_noise(x: np.ndarray, y: np.ndarray, period: int) -> np.ndarray:
 
 
 def _directions(i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cosine and sine of a random angle for each pair of whole numbers."""
+    """Cosine and sine of a random angle for each pair of integers."""
     angle = _hash(i, j) * (2.0 * np.pi / 2**32)
     return np.cos(angle), np.sin(angle)
 
 
 def _hash(i: np.ndarray, j: np.ndarray) -> np.ndarray:
-    """Well mixed 32 bits of two whole numbers (C. Wellons, lowbias32)."""
+    """Hashes two integers to 32 bits (C. Wellons, lowbias32)."""
     h = (i * 73856093 ^ j * 19349663).astype(np.uint32)
     for shift, factor in ((16, 0x7FEB352D), (15, 0x846CA68B)):
         h = (h ^ (h >> np.uint32(shift))) * np.uint32(factor)

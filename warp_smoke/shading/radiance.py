@@ -1,4 +1,4 @@
-"""The light of one source that surface points reflect to the eye, before shadows: the same for bakes and pictures."""
+"""Unshadowed light of one source that surface points reflect to the eye, for both bakes and pictures."""
 
 import warp as wp
 
@@ -34,11 +34,11 @@ def shade_light(
         count: number of points.
         light: the source.
         looks: materials.
-        points: what is lit.
-        detail: what its pictures say.
-        eye: position in set space and 1, or zeros, by which there are no highlights.
+        points: the points that are lit.
+        detail: their material detail, as filled by `look_up_detail`.
+        eye: position in set space and 1, or zeros for no highlights.
         radiance_out: [n] vec3.
-        reached: 0 at points that the light does not reach, whose radiance is 0 too, [n]; all of them unless given.
+        reached: 0 at points that the light does not reach, where radiance is set to 0, [n]; None = it reaches all.
     """
     launcher.launch_each(_shade_light, count, light, looks, points, detail, eye, reached, radiance_out)
 
@@ -84,7 +84,7 @@ def _shade_light(
     p = points.positions[s]
     to_light, b = incident_light(light, p)
     n = detail.normals[s]
-    # A bump does not catch light that comes from behind the surface.
+    # A bump receives no light from behind the surface.
     if wp.max(b) > 0.0 and wp.dot(to_light, n) > 0.0 and wp.dot(to_light, points.normals[s]) > 0.0:
         radiance = wp.vec3(0.0)
         m = looks.materials[points.material[s]]

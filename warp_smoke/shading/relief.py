@@ -1,4 +1,4 @@
-"""Relief of a surface without triangles: normal maps, and parallax by heights.
+"""Surface relief from textures: normal maps, and parallax from heights.
 
 Sources: T. Kaneko et al., "Detailed Shape Representation with Parallax Mapping", 2001, with the offset limiting of T.
 Welsh, 2004 (TyphoonLabs GLSL course): T_n = T_o + (h · s + b) V_xy; N. Tatarchuk, "Practical Parallax Occlusion
@@ -14,7 +14,7 @@ wp.set_module_options({"enable_backward": False})
 
 _VIEW_STEPS = wp.constant(32)
 _LIGHT_STEPS = wp.constant(24)
-# Flatter directions are taken to be this steep, so that steps stay short enough to meet the relief.
+# Flatter directions are treated as this steep, so that steps stay short enough to hit the relief.
 _FLATTEST = wp.constant(0.05)
 
 
@@ -29,7 +29,7 @@ class Frame:
 
 @wp.func
 def tangent_frame(normal: wp.vec3, tangent: wp.vec4):
-    """The frame with b = sign · n × t; of zero vectors but the normal where there is no tangent."""
+    """The frame with b = sign · n × t; t and b are zero where there is no tangent."""
     frame = Frame()
     frame.n = normal
     along = wp.vec3(tangent[0], tangent[1], tangent[2])
@@ -40,19 +40,19 @@ def tangent_frame(normal: wp.vec3, tangent: wp.vec4):
 
 @wp.func
 def to_tangent(frame: Frame, v: wp.vec3):
-    """A direction of the world in the frame."""
+    """A world direction in tangent space."""
     return wp.vec3(wp.dot(v, frame.t), wp.dot(v, frame.b), wp.dot(v, frame.n))
 
 
 @wp.func
 def to_world(frame: Frame, v: wp.vec3):
-    """A direction of the frame in the world."""
+    """A tangent-space direction in the world."""
     return v[0] * frame.t + v[1] * frame.b + v[2] * frame.n
 
 
 @wp.func
 def mapped_normal(frame: Frame, c: wp.vec3):
-    """The unit normal that a normal map's direction stands for; the surface's own without direction or tangent."""
+    """The unit normal for a normal map's direction; the surface's own where there is no direction or tangent."""
     if wp.length(c) < 1.0e-3 or wp.length(frame.t) < 0.5:
         return frame.n
     n = to_world(frame, c)
@@ -70,7 +70,7 @@ def relief_height(looks: Looks, m: MaterialLook, uv: wp.vec2):
 
 @wp.func
 def offset_parallax(looks: Looks, m: MaterialLook, uv: wp.vec2, to_eye: wp.vec3):
-    """T_n = T_o + (h · s + b) V_xy, with V in the frame."""
+    """T_n = T_o + (h · s + b) V_xy, with V in tangent space."""
     return uv + relief_height(looks, m, uv) * wp.vec2(to_eye[0], to_eye[1])
 
 
@@ -98,7 +98,7 @@ def march_relief(looks: Looks, m: MaterialLook, uv: wp.vec2, to_eye: wp.vec3):
 
 @wp.func
 def relief_visibility(looks: Looks, m: MaterialLook, place: wp.vec3, to_light: wp.vec3):
-    """1 where no relief rises above the ray from (u, v, z) to a light, in the frame; 0 where some does."""
+    """1 where no relief rises above the ray from (u, v, z) to a light, in tangent space; 0 where some does."""
     if to_light[2] <= 0.0:
         return 0.0
     slope = wp.vec2(to_light[0], to_light[1]) / wp.max(to_light[2], _FLATTEST)

@@ -1,4 +1,4 @@
-"""Smoke in pictures: light that it scatters once towards the eye, marched along each ray (Beer and Lambert).
+"""Smoke in pictures: singly scattered light, ray-marched towards the eye (Beer and Lambert).
 
 dL/ds = −σ ρ L + σ ρ S, with the light S that the smoke scatters (`volume`); light scattered twice is left out.
 """
@@ -10,20 +10,20 @@ from warp_smoke.shading.view import View, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 
-# Of the light behind, below which a march ends.
+# Transmittance below which a march ends.
 _DARK = wp.constant(1.0e-3)
 
 
 @wp.struct
 class ScatteringSmoke:
-    """Smoke as the march sees it.
+    """Smoke in the form that the march takes.
 
     Attributes:
         density: at cell centres, [nx, ny, nz]; zero outside.
         light: S there, linear RGB [nx · ny · nz].
         from_set: set space to cell coordinates, for column vectors.
         extinction: optical depth of one cell's length at density 1, RGB.
-        step: between samples [cells].
+        step: largest distance between samples [cells].
     """
 
     density: wp.array3d[float]
@@ -43,17 +43,17 @@ def march_smoke(
     distance: wp.array,
     color: wp.array,
 ) -> None:
-    """Puts smoke before what each pixel shows.
+    """Composites smoke in front of what each pixel shows.
 
     Args:
         launcher: where to compute.
         count: number of pixels.
         smoke: the smoke.
-        view: from where.
-        place: of the ray in the pixel.
-        passed: how far each ray has come, [n].
-        distance: how far it sees, [n].
-        color: linear RGB of what lies behind, [n] vec3; the smoke is put over it.
+        view: the camera.
+        place: of the ray in the pixel, (x, y).
+        passed: distance at which each ray begins, negative for the eye, [n].
+        distance: distance at which it ends, [n].
+        color: linear RGB of what lies behind, [n] vec3; the smoke is composited over it.
     """
     launcher.launch_each(_march_smoke, count, smoke, view, *place, passed, distance, color)
 
@@ -75,7 +75,7 @@ def _part_inside(smoke: ScatteringSmoke, start: wp.vec3, ray: wp.vec3, near: flo
 
 @wp.func
 def _smoke_at(smoke: ScatteringSmoke, at: wp.vec3):
-    """Density ρ, and light times density ρ S, at a place in cells: trilinear between the cells' centres."""
+    """Density ρ, and light times density ρ S, at a position in cells: trilinear between cell centres."""
     ni = smoke.density.shape[0]
     nj = smoke.density.shape[1]
     nk = smoke.density.shape[2]
@@ -134,7 +134,7 @@ def _march_smoke(
             if density > 0.0:
                 tau = density * length * smoke.extinction
                 left = wp.vec3(wp.exp(-tau[0]), wp.exp(-tau[1]), wp.exp(-tau[2]))
-                # Light is weighted by density, so that it is that of the smoke and not of the empty cells beside it.
+                # Light is weighted by density, so that it is the smoke's and not that of empty cells beside it.
                 scattered += wp.cw_mul(through, wp.cw_mul(wp.vec3(1.0) - left, light / density))
                 through = wp.cw_mul(through, left)
                 if wp.max(through) < _DARK:

@@ -1,7 +1,7 @@
-"""sRGB's transfer function (IEC 61966-2-1): codes to linear light, and back by a table that is exact.
+"""sRGB's transfer function (IEC 61966-2-1): from codes to linear light, and back by an exact table.
 
 The table splits [0, 1] into cells narrower than the distance between two codes, so each cell holds at most one
-boundary: the code is the one at the cell's start, or the next if the value has passed that code's upper boundary.
+boundary: the code is the one at the cell's start, or the next if the value is past that code's upper boundary.
 """
 
 import numpy as np
@@ -24,13 +24,13 @@ class SrgbTable:
 
 
 def decode_srgb(encoded: np.ndarray) -> np.ndarray:
-    """Linear light in [0, 1] of sRGB values in [0, 1], float64."""
+    """Returns the linear light in [0, 1] of sRGB values in [0, 1], float64."""
     encoded = np.asarray(encoded, np.float64)
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def srgb_levels() -> np.ndarray:
-    """Linear light of each code, [256] float32."""
+    """Returns the linear light of each code, [256] float32."""
     return decode_srgb(np.arange(256) / 255.0).astype(np.float32)
 
 
@@ -41,7 +41,7 @@ def encode_srgb_codes(linear: np.ndarray) -> np.ndarray:
 
 
 def make_srgb_table(launcher: Launcher) -> SrgbTable:
-    """The table that `encode_srgb` takes."""
+    """Makes the table that `encode_srgb` takes."""
     ends = decode_srgb((np.arange(255) + 0.5) / 255.0).astype(np.float32)
     starts = np.arange(_CELLS + 1, dtype=np.float32) / _CELLS
     table = SrgbTable()

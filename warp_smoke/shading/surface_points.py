@@ -1,4 +1,4 @@
-"""Points of surfaces ready to be lit: parallax first, then normal, base colour and gloss at the shifted coordinates."""
+"""Surface points ready to be lit: parallax first, then normal, base colour and gloss at the shifted coordinates."""
 
 from collections.abc import Sequence
 
@@ -23,9 +23,9 @@ class SurfacePoints:
     """Points on surfaces in set space, [n] each.
 
     Attributes:
-        positions, normals: with unit surface normals.
+        positions, normals: positions, and unit surface normals.
         shadow_points: where shadows of surfaces are looked up (see `shadow_terminator`); unset where none are.
-        tangents: and signs (see `tangents`); one element where no material needs any.
+        tangents: tangents and signs (see `tangents`); one element where no material needs any.
         uvs: texture coordinates; one element where no material has a picture.
         material: index into `Looks.materials`.
     """
@@ -39,7 +39,7 @@ class SurfacePoints:
 
 
 def allocate_points(launcher: Launcher, count: int, label: str, needs_tangents: bool) -> SurfacePoints:
-    """Room for `count` points with texture coordinates."""
+    """Allocates `count` points with texture coordinates."""
     points = SurfacePoints()
     points.positions = launcher.zeros(count, label, dtype=wp.vec3)
     points.normals = launcher.zeros(count, label, dtype=wp.vec3)
@@ -51,14 +51,14 @@ def allocate_points(launcher: Launcher, count: int, label: str, needs_tangents: 
 
 @wp.struct
 class SurfaceDetail:
-    """What the materials and their pictures say at each point, [n] each.
+    """What the materials and their pictures give at each point, [n] each.
 
     Attributes:
-        normals: unit normals that light is reflected by.
-        diffuse: linear RGB of what is not metal.
+        normals: unit shading normals.
+        diffuse: diffuse albedo, without metal, linear RGB.
         r0: reflectance at normal incidence, linear RGB.
         gloss: factor on highlights, and their exponent.
-        unlit: light without any of the lights: given off and reflected of the ambient light, linear RGB.
+        unlit: light without any of the lights: emission and reflected ambient light, linear RGB.
         relief: (u, v, z) on the relief; one element where no material is marched.
         opacity: one element where no material is see-through.
     """
@@ -73,7 +73,7 @@ class SurfaceDetail:
 
 
 def allocate_detail(launcher: Launcher, count: int, label: str, materials: Sequence[Material]) -> SurfaceDetail:
-    """Room for `count` points of some materials."""
+    """Allocates the detail of `count` points of some materials."""
     detail = SurfaceDetail()
     for name in ("normals", "diffuse", "r0", "unlit"):
         setattr(detail, name, launcher.zeros(count, label, dtype=wp.vec3))
@@ -101,9 +101,9 @@ def look_up_detail(
         count: number of points.
         looks: their materials.
         points: the points.
-        eye: position in set space and 1, or zeros, by which there is no parallax.
+        eye: position in set space and 1, or zeros for no parallax.
         ambient: light from everywhere, linear RGB.
-        detail: what is filled.
+        detail: the detail to fill.
     """
     launcher.launch_each(_look_up_detail, count, looks, points, eye, ambient, detail)
 
@@ -126,7 +126,7 @@ def gloss_of(looks: Looks, m: MaterialLook, uv: wp.vec2):
 
 @wp.func
 def has_pictures(m: MaterialLook):
-    """Whether any of a material is looked up at texture coordinates."""
+    """Whether anything of a material is looked up at texture coordinates."""
     colors = m.diffuse_texture >= 0 or m.specular_texture >= 0 or m.emissive_texture >= 0
     relief = m.normal_texture >= 0 or m.height_texture >= 0
     numbers = m.roughness_texture >= 0 or m.metallic_texture >= 0 or m.occlusion_texture >= 0 or m.opacity_texture >= 0
@@ -137,7 +137,7 @@ def has_pictures(m: MaterialLook):
 def _look_up_detail(
     rows: Rows, looks: Looks, points: SurfacePoints, eye: wp.vec4, ambient: wp.vec3, detail_out: SurfaceDetail
 ):
-    """First uv ← parallax(uv), then all else at uv; c is the base colour and k the share of metal.
+    """First uv ← parallax(uv), then everything else at uv; c is the base colour and k the share of metal.
 
     m_d = (1 − k) c, r₀ = (1 − k) r₀ + k c, unlit = emissive + occlusion · ambient ⊗ c: metal is a mirror, in which a
     light from everywhere looks the same all around.

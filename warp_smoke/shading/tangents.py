@@ -1,6 +1,6 @@
 """Tangent frames by MikkTSpace's convention (M. Mikkelsen, "Simulation of Wrinkled Surfaces Revisited", 2008).
 
-A tangent is the direction in which u grows, at right angles to the normal, averaged by angle over the triangles around
+A tangent is the direction in which u grows, perpendicular to the normal, averaged by angle over the triangles around
 a point that share its normal, texture coordinates and handedness; the bitangent is sign · normal × tangent.
 """
 
@@ -10,12 +10,12 @@ from warp_smoke.geometry import normalized
 
 
 def corner_tangents(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray, uvs: np.ndarray) -> np.ndarray:
-    """Unit tangents and signs at each corner, [m, 3, 4] float32; zero where texture coordinates give no direction.
+    """Computes unit tangents and signs at each corner, [m, 3, 4] float32; zero where texture coordinates have no area.
 
     Args:
-        points: [n, 3], where the surface stands.
+        points: the surface's points, [n, 3].
         triangles: [m, 3].
-        normals: unit normals at each corner, [m, 3, 3], on the outside also of a mirrored surface.
+        normals: unit normals at each corner, [m, 3, 3], pointing outward even on a mirrored surface.
         uvs: at each corner, [m, 3, 2].
     """
     p, t, normals = (np.asarray(a, np.float64) for a in (points[triangles], uvs, normals))
@@ -24,7 +24,7 @@ def corner_tangents(points: np.ndarray, triangles: np.ndarray, normals: np.ndarr
     tangents[sign == 0] = 0.0
     weights = _corner_angles(p, normals)[..., None]
 
-    # Bytes, so that equal corners are found by one sort; + 0.0 makes one zero of −0 and 0.
+    # Bytes, so that equal corners are found by one sort; + 0.0 turns −0 into 0.
     corners = np.concatenate([p, normals, t], axis=2).astype(np.float32) + np.float32(0.0)
     signs = np.broadcast_to(sign[:, None, None], (*sign.shape, 3, 1)).astype(np.float32)
     keys = np.ascontiguousarray(np.concatenate([corners, signs], axis=2).reshape(-1, 9))
@@ -47,12 +47,12 @@ def _gradients(p: np.ndarray, t: np.ndarray, normals: np.ndarray) -> tuple[np.nd
 
 
 def _flattened(vectors: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Unit vectors at right angles to unit normals."""
+    """Projects vectors perpendicular to unit normals and normalizes them."""
     return normalized(vectors - np.sum(vectors * normals, axis=-1, keepdims=True) * normals)
 
 
 def _corner_angles(p: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Angle of each triangle at each corner, seen along the normal there, [m, 3] [rad]."""
+    """Angle of each triangle at each corner, projected along the normal there, [m, 3] [rad]."""
     angles = np.empty(p.shape[:2])
     for corner in range(3):
         n = normals[:, corner]

@@ -1,4 +1,4 @@
-"""Pictures made of values at texels: encoded, with charts grown until they meet."""
+"""Pictures made from values at texels: encoded, with charts dilated until they meet."""
 
 from typing import Any
 
@@ -32,7 +32,7 @@ class TexelPicture:
         return self._codes[name]
 
     def colors(self, name: str, values: wp.array, change: "Change") -> np.ndarray:
-        """Linear RGB of texels, vec3, as sRGB codes [p, 3]; see `Change` for which."""
+        """Encodes linear RGB of the texels in `change`, vec3, as sRGB codes [p, 3]."""
         if self._bits == 16:
             return self._deep(name, values, change, srgb=True)
         codes = self._room(name, 3, wp.uint8)
@@ -41,7 +41,7 @@ class TexelPicture:
         return codes.numpy()
 
     def linear(self, name: str, values: wp.array, change: "Change") -> np.ndarray:
-        """Linear RGB of texels, vec3, as raw codes [p, 3] uint16."""
+        """Encodes linear RGB of texels, vec3, as raw codes [p, 3] uint16."""
         return self._deep(name, values, change, srgb=False)
 
     def _deep(self, name: str, values: wp.array, change: "Change", srgb: bool) -> np.ndarray:
@@ -51,7 +51,7 @@ class TexelPicture:
         return codes.numpy()
 
     def shares(self, name: str, values: wp.array, change: "Change") -> np.ndarray:
-        """Shares 0…1 of texels as raw codes [p]."""
+        """Encodes shares 0…1 of texels as raw codes [p]."""
         deep = self._bits == 16
         codes = self._room(name, 1, wp.uint16 if deep else wp.uint8)
         kernel, last = (_encode_shares_16, 65535.0) if deep else (_encode_shares_8, 255.0)
@@ -59,18 +59,18 @@ class TexelPicture:
         return codes.numpy()[:, 0]
 
     def directions(self, values: wp.array) -> np.ndarray:
-        """Unit vectors of all texels, vec3, as codes of ½ (n + 1), [p, 3]."""
+        """Encodes unit vectors of all texels, vec3, as codes of ½ (n + 1), [p, 3]."""
         codes = encode_normals(values.numpy(), self._bits)[self.source]
         codes[self.source < 0] = 0
         return codes
 
 
 class Change:
-    """Which texels of a picture are given new values, as a list of k.
+    """Which texels of a picture get new values, as a list of k.
 
     Attributes:
         source: index into the list for each place of the picture, −1 where it keeps its codes, [p].
-        flags: 1 for those of the list that change indeed, [k].
+        flags: 1 for the texels of the list that actually change, [k].
     """
 
     def __init__(self, launcher: Launcher, source: np.ndarray):
@@ -79,9 +79,9 @@ class Change:
 
 
 def spread_texels(texel: np.ndarray, size: int) -> np.ndarray:
-    """Which of the texels each place of a picture shows, [size²] int32: the nearest one, −1 where there is none at all.
+    """Returns the texel that each place of a picture shows, [size²] int32: the nearest one, or −1 if there are none.
 
-    So charts grow until they meet: lookups at their borders, and coarser levels of a texture, see no background.
+    So charts grow until they meet: lookups at their borders, and coarser mip levels, see no background.
 
     Args:
         texel: row · size + column of each texel, [n].

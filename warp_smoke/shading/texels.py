@@ -1,4 +1,4 @@
-"""The texels of a receiver's texture as points on its surface."""
+"""The texels of a receiver's texture, as points on its surface."""
 
 import numpy as np
 import warp as wp
@@ -17,8 +17,8 @@ wp.set_module_options({"enable_backward": False})
 class TexelMap:
     """The texels that show a surface with texture coordinates.
 
-    A texel belongs to the triangle under its centre; one whose square only touches a chart stands for the chart's
-    nearest point. Texture coordinates that leave [0, 1] are brought into it. Pictures have their first row at the top
+    A texel belongs to the triangle under its centre; one whose square only overlaps a chart represents the chart's
+    nearest point. Texture coordinates outside [0, 1] are fitted into it. Pictures have their first row at the top
     (v = 1).
 
     Attributes:
@@ -29,11 +29,11 @@ class TexelMap:
         shadow_points: where shadows of surfaces are looked up (see `shadow_terminator`), [n] vec3; `points` themselves
             unless the mesh is smooth.
         facets: unit normals of the triangles, [n] vec3; `normals` themselves unless the mesh is smooth.
-        tangents: and signs, [n] vec4 (see `tangents`); one element if none of the surface's materials needs them.
+        tangents: tangents and signs, [n] vec4 (see `tangents`); one element if none of its materials needs them.
         uvs: the surface's own texture coordinates, [n, 2] float32 on the host.
         material: index into the surface's materials, [n] int32 on the host.
-        picture: the places of its picture.
-        overlapping: texels that several triangles share; they show the first.
+        picture: encodes values at the texels as pictures.
+        overlapping: number of texels that several triangles share; they show the first.
     """
 
     def __init__(self, launcher: Launcher, surface: Surface, origin: np.ndarray):
@@ -88,21 +88,21 @@ class TexelMap:
         return True
 
     def color_picture(self, name: str, colors: wp.array, change: Change | None = None) -> np.ndarray:
-        """Linear RGB of texels, vec3, as an sRGB picture, [size, size, 3]; between charts as at the nearest texel.
+        """Encodes linear RGB of texels, vec3, as an sRGB picture, [size, size, 3]; gaps show the nearest texel.
 
         Args:
             name: of the picture, which keeps what does not change.
-            colors: of all n texels, or of those that change.
-            change: which these are; all unless given.
+            colors: of all n texels, or of those in `change`.
+            change: the texels that change; all unless given.
         """
         return self._squared(self.picture.colors(name, colors, change or self.picture.whole))
 
     def linear_picture(self, name: str, colors: wp.array, change: Change | None = None) -> np.ndarray:
-        """Linear RGB of texels, vec3, as a raw picture, [size, size, 3] uint16; otherwise as `color_picture`."""
+        """Encodes linear RGB of texels, vec3, as raw codes, [size, size, 3] uint16; otherwise as `color_picture`."""
         return self._squared(self.picture.linear(name, colors, change or self.picture.whole))
 
     def share_picture(self, name: str, shares: wp.array, change: Change | None = None) -> np.ndarray:
-        """Shares 0…1 of texels, float, as a raw picture, [size, size]; otherwise as `color_picture`."""
+        """Encodes shares 0…1 of texels, float, as raw codes, [size, size]; otherwise as `color_picture`."""
         return self._squared(self.picture.shares(name, shares, change or self.picture.whole))
 
     def direction_picture(self, directions: wp.array) -> np.ndarray:
@@ -124,7 +124,7 @@ def _place_texels(
     points_out: wp.array[wp.vec3],
     normals_out: wp.array[wp.vec3],
 ):
-    """points[s] = p₀ + w₁ (p₁ − p₀) + w₂ (p₂ − p₀), exact where the three agree; normals alike, then unit."""
+    """points[s] = p₀ + w₁ (p₁ − p₀) + w₂ (p₂ − p₀), exact where all three are equal; normals likewise, normalized."""
     s = rows.first + wp.tid()
     t = triangle[s]
     w = weights[s]

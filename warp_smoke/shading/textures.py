@@ -1,4 +1,4 @@
-"""Pictures on surfaces: read from files as codes, and what the codes mean in linear light."""
+"""Pictures on surfaces: read from files as codes, with the linear value of each code."""
 
 from dataclasses import dataclass
 from typing import BinaryIO
@@ -16,7 +16,7 @@ from warp_smoke.shading.srgb import decode_srgb
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture as it is stored, and what its codes mean.
+    """A picture as it is stored, and the linear values of its codes.
 
     Attributes:
         codes: [h, w, 3], or [h, w, 1] for grey; uint8 or uint16; first row at the top (v = 1).
@@ -30,10 +30,10 @@ class Picture:
 
     @classmethod
     def read(cls, file: str, color_space: str) -> "Picture":
-        """Reads a picture of 8 bits, of 16-bit grey, or a PNG of 16-bit colour.
+        """Reads an 8-bit picture, a 16-bit grey one, or a PNG with 16-bit colour.
 
         Args:
-            file: in any format that Pillow reads, also one within a `.usdz` package: `PACKAGE[FILE]`.
+            file: in any format that Pillow reads; may lie in a `.usdz` package: `PACKAGE[FILE]`.
             color_space: sRGB, raw, or auto: sRGB for 8-bit colour, raw for grey and for 16 bits.
 
         Raises:
@@ -51,7 +51,7 @@ class Picture:
         return cls(codes, levels.astype(np.float32), alpha)
 
     def linear(self) -> np.ndarray:
-        """Linear RGBA of each texel, [h, w, 4] float32; alpha is 1 where the file has none."""
+        """Returns the linear RGBA of each texel, [h, w, 4] float32; alpha is 1 where the file has none."""
         pixels = np.ones((*self.codes.shape[:2], 4), np.float32)
         pixels[..., :3] = self.levels[self.codes]
         if self.alpha is not None:
@@ -60,7 +60,7 @@ class Picture:
 
 
 def _read_codes(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
-    """Codes of 8 bits [h, w, 1 or 3], and alpha [h, w]."""
+    """Reads 8-bit codes [h, w, 1 or 3], and alpha [h, w] or None."""
     if image.mode in ("I", "F"):
         raise OSError("numbers of 32 bits")
     codes = np.asarray(image.convert("L" if image.mode in ("1", "L", "LA") else "RGB"))
@@ -71,7 +71,7 @@ def _read_codes(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _read_deep(image: Image.Image, file: BinaryIO) -> tuple[np.ndarray, np.ndarray | None]:
-    """Codes of 16 bits [h, w, 1 or 3], and alpha [h, w]; of colour Pillow would keep the upper 8 bits."""
+    """Reads 16-bit codes [h, w, 1 or 3], and alpha [h, w] or None; Pillow keeps only the upper 8 bits of colour."""
     if image.mode.startswith("I;16"):
         return np.asarray(image).astype(np.uint16)[..., None], None
     if image.format != "PNG":
@@ -83,7 +83,7 @@ def _read_deep(image: Image.Image, file: BinaryIO) -> tuple[np.ndarray, np.ndarr
 
 
 def read_texture(material: Material, field: str) -> Picture:
-    """The picture of one of a material's textures; `auto` is raw for all that is not a colour.
+    """Reads the picture of one of a material's textures; `auto` means raw for textures that are not colours.
 
     Raises:
         FieldError: the texture's file cannot be read.

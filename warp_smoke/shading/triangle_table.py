@@ -1,4 +1,4 @@
-"""What is interpolated over the triangles that a picture's rays meet."""
+"""What is interpolated over the triangles that a picture's rays hit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,8 +37,8 @@ class Dressing:
     """Materials as surfaces can show them.
 
     Attributes:
-        materials: all of them.
-        index: for each surface the index of each triangle's material, [m] int32.
+        materials: all materials.
+        index: for each surface, the index of each triangle's material, [m] int32.
         warnings: what surfaces cannot show.
     """
 
@@ -48,17 +48,17 @@ class Dressing:
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether any has directions in tangent space."""
+        """Whether any material needs tangent space."""
         return any(material.needs_tangents for material in self.materials)
 
     @property
     def is_blended(self) -> bool:
-        """Whether anything shines through any."""
+        """Whether any material is blended with what lies behind it."""
         return any(material.is_blended for material in self.materials)
 
 
 def dress_surfaces(surfaces: Sequence[Surface]) -> Dressing:
-    """The materials of surfaces; without their pictures where there are no texture coordinates."""
+    """Collects the materials of surfaces, without pictures where there are no texture coordinates."""
     materials, index, warnings = [Material()], [], []
     for surface in surfaces:
         places = []
@@ -81,12 +81,12 @@ def triangle_table(
     origin: np.ndarray,
     time: float,
 ) -> TriangleTable:
-    """The table of the visible surfaces at a time code.
+    """Makes the table of the visible surfaces at a time code.
 
     Args:
         launcher: where to allocate.
         surfaces: all of the scene's.
-        surface_of_triangle: index of the surface of each of the mesh's triangles, [m]; whole surfaces one by one.
+        surface_of_triangle: index of the surface of each of the mesh's triangles, [m]; surface by surface.
         dressing: the surfaces' materials.
         origin: world position of set space's origin, [3] float64.
         time: time code.

@@ -1,4 +1,4 @@
-"""What a receiver can be baked with: texels or points, and its materials as far as texture coordinates serve."""
+"""What a receiver can be baked with: texels or points, and its materials as its texture coordinates allow."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from warp_smoke.shading.texels import TexelMap
 from warp_smoke.shading.vertices import VertexMap
 from warp_smoke.uv_fit import BAKE_UVS
 
-# Charts beside each other may share so many of their texels when coordinates are brought into [0, 1].
+# Adjacent charts may share up to this part of their texels when coordinates are fitted into [0, 1].
 _OVERLAP_OF_ROUNDING = 0.01
 
 
 def map_surface(launcher: Launcher, surface: Surface, origin: np.ndarray) -> tuple[TexelMap | VertexMap, tuple]:
-    """The texels of a receiver, or its points where its texture coordinates hold no picture, and warnings."""
+    """Returns a receiver's texels, or its points where its texture coordinates cannot hold a picture, and warnings."""
     uvs, path = surface.mesh.uvs, surface.path
     instead = f"colours at its {surface.mesh.points_at(0.0).shape[0]} points are baked instead of a texture"
     if uvs is None:
@@ -38,7 +38,7 @@ def map_surface(launcher: Launcher, surface: Surface, origin: np.ndarray) -> tup
 
 
 def usable_materials(surface: Surface, places: TexelMap | VertexMap) -> tuple[tuple[Material, ...], tuple]:
-    """A receiver's materials as far as its texture coordinates serve, and warnings."""
+    """Returns a receiver's materials, without what its texture coordinates do not allow, and warnings."""
     usable, warnings = [], []
     for material in surface.materials:
         if places.uvs is None:

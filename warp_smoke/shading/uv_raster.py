@@ -1,8 +1,8 @@
 """Which triangle each texel of a texture shows: exact, conservative rasterisation of a UV layout.
 
-Corners are rounded to 1/65536 of a texel and all tests are in whole numbers (after J. Pineda, "A Parallel Algorithm for
-Polygon Rasterization", 1988), so triangles that share an edge leave no hole and cover no texel twice. Triangles are cut
-into rows, rows into spans: the cost follows the texels covered, not the boxes around triangles.
+Corners are rounded to 1/65536 of a texel and all tests are in integers (after J. Pineda, "A Parallel Algorithm for
+Polygon Rasterization", 1988), so triangles that share an edge leave no hole and cover no texel twice. Triangles are
+split into rows, rows into spans: the cost is proportional to the texels covered, not to the triangles' boxes.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Coverage:
 
 
 def cover_texels(uvs: np.ndarray, size: int) -> Coverage:
-    """Finds every texel whose square meets a triangle.
+    """Finds every texel whose square overlaps a triangle.
 
     Args:
         uvs: texture coordinates at each corner, v up, within half a texel of [0, 1]², [m, 3, 2]. Triangles may be
@@ -48,7 +48,7 @@ def cover_texels(uvs: np.ndarray, size: int) -> Coverage:
 
     shown = np.full(size * size, -1, np.int32)
     triangle, texel = _fill(*_rows_of_centres(corners, size), size)
-    shown[texel[::-1]] = triangle[::-1]  # the last of several writes stays: the first triangle's
+    shown[texel[::-1]] = triangle[::-1]  # the last of several writes wins: the first triangle's
     overlapping = 0
     if len(texel) > np.count_nonzero(shown >= 0):
         overlapping = int(np.count_nonzero(np.unique_counts(texel).counts > 1))
@@ -70,7 +70,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _weights_at_centres(corners, area, triangle, texel, size: int) -> np.ndarray:
-    """Barycentric weights of the second and third corner at the centres of texels, [n, 2] float64."""
+    """Barycentric weights of the second and third corner at texel centres, [n, 2] float64."""
     row, column = np.divmod(texel, size)
     a, b, c = corners.transpose(1, 0, 2)
     weights = np.empty((len(texel), 2))
@@ -82,7 +82,7 @@ def _weights_at_centres(corners, area, triangle, texel, size: int) -> np.ndarray
 
 
 def _expand(first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The whole numbers first…last of each item: (item, number) pairs."""
+    """The integers first…last of each item, as (item, number) pairs."""
     counts = np.maximum(last - first + 1, 0)
     item = np.repeat(np.arange(len(first)), counts)
     return item, np.arange(len(item)) + np.repeat(first - (np.cumsum(counts) - counts), counts)
@@ -97,7 +97,7 @@ def _fill(triangle, row, first, last, size: int) -> tuple[np.ndarray, np.ndarray
 def _rows_of_centres(corners: np.ndarray, size: int):
     """Triangle, row, first and last column of the texels whose centres lie in each triangle.
 
-    A centre on an edge counts as moved by (−ε, +ε²), so that exactly one of the triangles around it has it.
+    A centre on an edge counts as moved by (−ε, +ε²), so that exactly one of the triangles around it contains it.
     """
     half = _STEPS // 2
     y = corners[..., 1]
@@ -144,7 +144,7 @@ def _rows_of_squares(corners: np.ndarray, size: int):
 
 
 def _nearest_triangles(corners: np.ndarray, shown: np.ndarray, size: int):
-    """Texels not shown yet whose squares meet triangles, and of each the nearest triangle and the weights there."""
+    """Texels not shown yet whose squares overlap triangles, and for each the nearest triangle and the weights there."""
     triangle, texel = _fill(*_rows_of_squares(corners, size), size)
     at_border = shown[texel] < 0
     triangle, texel = triangle[at_border], texel[at_border]

@@ -1,4 +1,4 @@
-"""The points of a receiver's mesh as places to bake, where its texture coordinates cannot hold a picture."""
+"""The points of a receiver's mesh as bake locations, where its texture coordinates cannot hold a picture."""
 
 import numpy as np
 import warp as wp
@@ -17,10 +17,10 @@ class VertexMap:
         points: in set space, [n] vec3.
         normals: unit surface normals, [n] vec3: the mean of the mesh's normals around each point, or else the
             area-weighted mean of its faces; zero at a point without faces.
-        shadow_points, facets: `points` themselves, as corners of facets lie on the smooth surface, and `normals`.
+        shadow_points, facets: `points`, since facet corners lie on the smooth surface, and `normals`.
         tangents: one element; there are no tangent frames at points.
         uvs: texture coordinates of one of the corners at each point, [n, 2] float32 on the host, or None.
-        material: index into the surface's materials of one of the corners' triangles, [n] int32 on the host.
+        material: index into the surface's materials, of a triangle at each point, [n] int32 on the host.
     """
 
     def __init__(self, launcher: Launcher, surface: Surface, origin: np.ndarray):
@@ -51,17 +51,17 @@ class VertexMap:
         return True
 
     def color_picture(self, name: str, colors: wp.array) -> np.ndarray:
-        """Linear RGB at each point, [n, 3] float32; pictures have names, values at points need none."""
+        """Returns linear RGB at each point, [n, 3] float32; `name` is unused, since values at points need none."""
         return colors.numpy().copy()
 
     def linear_picture(self, name: str, colors: wp.array) -> np.ndarray:
-        """Linear RGB at each point, [n, 3] float32."""
+        """Returns linear RGB at each point, [n, 3] float32."""
         return colors.numpy().copy()
 
     def direction_picture(self, directions: wp.array) -> np.ndarray:
-        """Unit vectors at each point, [n, 3] float32."""
+        """Returns unit vectors at each point, [n, 3] float32."""
         return directions.numpy().copy()
 
     def share_picture(self, name: str, shares: wp.array) -> np.ndarray:
-        """Shares 0…1 at each point, [n] float32."""
+        """Returns shares 0…1 at each point, [n] float32."""
         return shares.numpy().copy()

@@ -1,4 +1,4 @@
-"""A pinhole camera in set space: which ray each pixel of a picture stands for."""
+"""A pinhole camera in set space, and the rays of its pixels."""
 
 import numpy as np
 import warp as wp
@@ -8,7 +8,7 @@ from warp_smoke.scene import Camera
 
 @wp.struct
 class View:
-    """A pinhole camera in set space; what lies from near to far along its axis is seen.
+    """A pinhole camera in set space, which sees from near to far along its axis.
 
     The ray through (x, y) pixels from the top left has the direction start + x · across + y · down, of any length.
     Pixels are counted along the rows from the top; kernels see those from `first` on.
@@ -26,7 +26,7 @@ class View:
 
 
 def camera_view(camera: Camera, origin: np.ndarray, time: float, width: int, height: int, first: int = 0) -> View:
-    """What a camera sees; the whole of its aperture is in the picture, whose other side may show more.
+    """Returns a camera's view; its full aperture is in the picture, which may show more along one side.
 
     Args:
         camera: the camera.
@@ -51,7 +51,7 @@ def camera_view(camera: Camera, origin: np.ndarray, time: float, width: int, hei
 
 @wp.func
 def pixel_ray(view: View, p: int, x: float, y: float):
-    """Unit direction through a place (x, y) in a pixel, p counted from the view's first."""
+    """Unit direction through the point (x, y) in pixel p, counted from the view's first."""
     row = (view.first + p) // view.width
     column = view.first + p - row * view.width
     return wp.normalize(view.start + (float(column) + x) * view.across + (float(row) + y) * view.down)

@@ -1,8 +1,8 @@
-"""Light inside the smoke: what each cell scatters on, by single scattering with an even phase function.
+"""Light inside the smoke: what each cell scatters, by single scattering with an isotropic phase function.
 
 S = albedo ⊗ (ambient + Σ_L V_L T_L ⊗ B_L / 4), with π B_L the irradiance of a surface that faces light L
-(`light_source`), and V_L and T_L the shares that the surfaces and the smoke between them let through. Along a
-ray, a renderer adds S (1 − e^(−τ)).
+(`light_source`), and V_L and T_L the shares that surfaces and smoke between light and cell let through. Along a ray, a
+renderer adds S (1 − e^(−τ)).
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -17,13 +17,13 @@ from warp_smoke.shading.light_source import LightSource, incident_light, light_s
 
 wp.set_module_options({"enable_backward": False})
 
-# Cells that are lit at a time: scratch memory for more would gain nothing.
+# Cells that are lit at a time: more would cost scratch memory and gain nothing.
 BLOCK = 16384
 
 
 @wp.kernel
 def _place_cells(rows: Rows, cells: wp.array[int], ny: int, nz: int, to_set: wp.mat44, points_out: wp.array[wp.vec3]):
-    """points[s] = centre of the cell whose place in memory is cells[s], in set space."""
+    """points[s] = centre of the cell with flat index cells[s], in set space."""
     s = rows.first + wp.tid()
     n = cells[s]
     k = n % nz
@@ -105,14 +105,14 @@ class VolumeLight:
         look_through: Callable[[Light, wp.array, wp.array], None],
         look_past: Callable[[Light, wp.array, wp.array, wp.array], None],
     ) -> np.ndarray:
-        """The light that is scattered at a time code.
+        """Computes the light that is scattered at a time code.
 
         Args:
             density: [nx, ny, nz]; cells without density stay black.
             time: time code.
             look_through: multiplies shares [1 or 3, n] of a light by what smoke lets through to points [n].
-            look_past: writes which share [n] of a light that is `shadowed` passes surfaces to points [n] with surface
-                normals [n], which face the light.
+            look_past: writes the share [n] of a `shadowed` light that surfaces let through to points [n] with normals
+                [n], which face the light.
 
         Returns:
             S, linear RGB, [nx, ny, nz, 3] float32.
