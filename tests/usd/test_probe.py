@@ -78,7 +78,7 @@ def test_crashes_and_endless_loops_are_told(monkeypatch, binary):
     monkeypatch.setattr(probe, "_try", loop)
     monkeypatch.setattr(probe, "_SECONDS", 0.1)
     monkeypatch.setattr(probe, "_SECONDS_PER_BYTE", 0.0)
-    with pytest.raises(ValueError, match=r"USD does not come to its end in \d+ s"):
+    with pytest.raises(ValueError, match=r"USD does not finish opening it in \d+ s"):
         check_readable(binary)
 
 
@@ -107,5 +107,5 @@ def test_large_or_slow_files_are_left_to_the_reader(monkeypatch, binary):
     assert probe._judge(11.0, 0, 2**27) == ""
     assert probe._judge(11.0, 0, 10**6) is None
     assert probe._judge(13.0, 0, 10**6).endswith("in 13 s")
-    assert probe._judge(1.0, 2**30, 10**6).endswith("1.0 GiB of memory for it")
+    assert probe._judge(1.0, 2**30, 10**6).endswith("1.0 GiB of memory to open it")
     assert probe._judge(1.0, 2**30, 10**7) is None

@@ -217,7 +217,7 @@ def test_first_camera_under_the_default_prim(tmp_path):
     scene = Scene.open(path)
     camera = scene.camera
     assert (camera.path, camera.focal_length, camera.near, camera.far) == ("/World/One", 35.0, 0.1, 20.0)
-    used = "/World/One: of 3 cameras it is used: the first under the default prim, or else the first"
+    used = "/World/One: this one of 3 cameras is used: the first under the default prim, or else the first"
     assert scene.warnings == (used,)
     path = write_stage(tmp_path, "", HEADER + other)
     assert Scene.open(path).camera.path == "/Aside"

@@ -117,11 +117,11 @@ def test_opacity(tmp_path):
         ),
         (
             QUAD + 'string[] primvars:displayColor = ["red"]',
-            "primvars:displayColor gives no values of 3 numbers each; it is left out",
+            "primvars:displayColor does not hold values of 3 numbers each; it is left out",
         ),
         (
             QUAD + colors(RED) + "\nint[] primvars:displayColor:indices = [7]",
-            "primvars:displayColor gives no values of 3 numbers each; it is left out",
+            "primvars:displayColor does not hold values of 3 numbers each; it is left out",
         ),
         (QUAD + "color3f[] primvars:displayColor = []", None),
     ],

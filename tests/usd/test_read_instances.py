@@ -141,7 +141,7 @@ def test_prototypes_elsewhere(tmp_path):
         ("int[] protoIndices = [3]\npoint3f[] positions = [(0, 0, 0)]", "protoIndices is 3; allowed: 0…0, the"),
         (
             "int[] protoIndices = [0, 0]\npoint3f[] positions = [(0, 0, 0)]",
-            "positions is 1 in number; allowed: 2, one an instance",
+            "positions is 1 in number; allowed: 2, one for each instance",
         ),
     ],
 )

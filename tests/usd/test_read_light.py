@@ -142,7 +142,8 @@ def test_flat_lights_shine_to_their_front(tmp_path, prim, area, normalize):
     given = f"float inputs:intensity = 5\nbool inputs:normalize = {int(normalize)}"
     light, warnings = light_of(tmp_path, f"def {prim % given}")
     kind = prim.split()[0]
-    assert warnings == (f"/World/L: a {kind} shines from its middle alone, to its front; its shadows are a disk's",)
+    text = "shines from its centre only, to the front; its shadows are those of a disk"
+    assert warnings == (f"/World/L: a {kind} {text}",)
     assert isinstance(light, SpotLight)
     assert np.isclose(np.pi * light.radius**2, area, rtol=1e-6)
     assert (light.cone_angle, light.cone_softness, light.focus) == (90.0, 0.0, 1.0)
@@ -204,7 +205,7 @@ def test_uneven_pictures_of_dome_lights_are_told(tmp_path):
     Image.fromarray(sky).save(tmp_path / "sky.png")
     scene = scene_of(tmp_path, DOME % (2, PICTURE))
     assert np.allclose(scene.ambient, (1, 1, 0.5))
-    assert scene.warnings == ("/World/L: the mean colour of inputs:texture:file is used, as light from everywhere",)
+    assert scene.warnings == ("/World/L: the mean colour of inputs:texture:file is used, as light from all directions",)
 
 
 @pytest.mark.parametrize(

@@ -279,7 +279,7 @@ def test_primvars_of_the_wrong_length_are_left_out(tmp_path, primvar, warning):
             int[] faceVertexCounts = [3, 3]
             int[] faceVertexIndices = [0, 1, 2]
             point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)] }""",
-            "/World/A: faceVertexCounts is 6 corners in all; allowed: 3, one an index",
+            "/World/A: faceVertexCounts is 6 corners in all; allowed: 3, one per index",
         ),
         (
             """def Mesh "A" {

@@ -1,7 +1,7 @@
-"""Opens a binary stage in a child process first: some damaged files make USD crash, or run out of time or memory.
+"""Tests a binary stage in a child process first: some damaged files make USD crash, or use up time or memory.
 
-USD's binary format has no checksum: one byte may turn a count into billions. What a child goes through first is not
-done again where it goes wrong. Text is read safely, and is not tried.
+USD's binary format has no checksum: one damaged byte may turn a count into billions. If the child fails, the stage is
+not opened here. Text layers are safe to read, and are not tested.
 """
 
 import contextlib
@@ -17,31 +17,30 @@ from pxr import Tf, Usd
 
 from warp_smoke.usd.read import usd_message
 
-_BINARY = (b"PXR-USDC", b"PK\x03\x04")  # the latter are packages, which hold binary layers
+_BINARY = (b"PXR-USDC", b"PK\x03\x04")  # the second marks packages, which hold binary layers
 _LAYER = re.compile(rb"@([^@\n]+\.usd[acz]?)\b[^@\n]*@")
-# What opening a sound file may take, with room to spare: of the processor's time [s], of memory [bytes], and for each
-# byte of the layers.
+# What opening an intact file may need, with a margin: processor time [s] and memory [bytes], as a constant and for each
+# byte of its layers.
 _SECONDS, _SECONDS_PER_BYTE = 10.0, 2e-6
 _BYTES, _BYTES_PER_BYTE = 2**29, 256
-_LARGE = 2**26  # bytes of layers: trying longer would cost more than it is worth
-_ASLEEP = 1.0  # how long a child may wait without working [s]: for a disk that is slow, or for ever
+_LARGE = 2**26  # bytes of layers beyond which testing on costs more than it is worth
+_ASLEEP = 1.0  # how long a child may be idle [s]: on a slow disk, or in a deadlock
 _TRIES = 3
-_LONGEST_LINE = 4096  # what a pipe takes at once
+_LONGEST_LINE = 4096  # bytes that a pipe takes at once
 _CRASH = "it is damaged: USD crashes on it"
 
 
 def check_readable(path: Path) -> None:
-    """Tries whether a stage can be opened and its values read, if it or a layer that it names is binary.
+    """Checks that a stage can be opened and its values read, if it or a layer that it names is binary.
 
-    It forks, on Linux alone; elsewhere it does nothing. Where other threads are at work, a child may inherit a lock
-    that nobody will open, and sleep or crash by chance: it is then tried again. What sleeps each time is left to those
-    who read the stage.
+    This forks on Linux; elsewhere it does nothing. If other threads are running, a child may inherit a lock that is
+    never released, and hang or crash by chance: it is then tried again. If it hangs every time, the stage passes.
 
     Args:
         path: the file.
 
     Raises:
-        ValueError: it cannot.
+        ValueError: it cannot be opened or read.
     """
     if sys.platform != "linux" or not _is_binary(path, set()):
         return
@@ -54,13 +53,13 @@ def check_readable(path: Path) -> None:
 
 
 def _in_child(path: Path) -> str | None:
-    """Tries a stage in a child process; says what is wrong, or nothing, or None if the child fell asleep."""
+    """Tests a stage in a child process; returns what is wrong, empty if nothing is, or None if the child hangs."""
     ours, theirs = os.pipe()
     child = os.fork()
     if child == 0:
         try:
             _answer(path, theirs)
-        finally:  # what else is wrong is told by whoever reads the stage afterwards
+        finally:  # other errors are reported by whoever reads the stage next
             os._exit(0)
     os.close(theirs)
     with open(ours, "rb") as pipe:
@@ -69,7 +68,7 @@ def _in_child(path: Path) -> str | None:
 
 
 def _is_binary(path: Path, seen: set[Path]) -> bool:
-    """Whether a layer, or one that it names, is binary."""
+    """Returns whether a layer, or one that it names, is binary."""
     if path in seen or not path.is_file():
         return False
     seen.add(path)
@@ -82,7 +81,7 @@ def _is_binary(path: Path, seen: set[Path]) -> bool:
 
 
 def _answer(path: Path, pipe: int) -> None:
-    """What the child does, in silence: it writes why the stage cannot be read, or nothing."""
+    """Runs in the child, without output: writes to the pipe why the stage cannot be read, or nothing."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_DFL)
     nothing = os.open(os.devnull, os.O_WRONLY)
@@ -92,7 +91,7 @@ def _answer(path: Path, pipe: int) -> None:
 
 
 def _try(path: Path) -> str:
-    """Opens a stage and reads values of all its attributes; says what is wrong."""
+    """Opens a stage and reads values of all its attributes; returns what is wrong, empty if nothing is."""
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
@@ -104,7 +103,7 @@ def _try(path: Path) -> str:
 
 
 def _torn(attribute: Usd.Attribute) -> str:
-    """What USD says of values whose bytes it cannot unpack; all else is for those to say who need the attribute."""
+    """Returns USD's message on values that it cannot unpack; other errors are left to those who need the attribute."""
     try:
         times = attribute.GetTimeSamples()
         for time in (Usd.TimeCode.Default(), *times[:1], *times[-1:]):
@@ -112,13 +111,13 @@ def _torn(attribute: Usd.Attribute) -> str:
     except Tf.ErrorException as error:
         said = usd_message(error.args[0])
         return said if "unpacking" in said else ""
-    except TypeError:  # a value of a kind that Python does not know
+    except TypeError:  # a value of a type that Python does not know
         pass
     return ""
 
 
 def _watch(child: int) -> str | None:
-    """Waits for the child, or ends it; says what it was that it could not do, None if it sleeps."""
+    """Waits for the child, or ends it; returns what is wrong, empty if nothing is, or None if the child hangs."""
     process, before, pause = psutil.Process(child), psutil.Process().memory_info().data, 0.001
     worked, woke = 0.0, monotonic()
     while True:
@@ -146,23 +145,23 @@ def _crash(number: int) -> str:
 
 
 def _judge(seconds: float, grown: int, size: int) -> str | None:
-    """What is wrong with a file that takes long, or much; nothing if it may be as good as any; None if it is early.
+    """Judges a file that takes much time or memory: what is wrong, empty if it is too large to test, None to go on.
 
     Args:
-        seconds: time of the processor that it has taken.
-        grown: memory that it has taken [bytes].
-        size: of the layers so far [bytes].
+        seconds: processor time used so far.
+        grown: memory allocated so far [bytes].
+        size: size of the layers read so far [bytes].
     """
     if size > _LARGE:
         return ""
     if grown > _BYTES + _BYTES_PER_BYTE * size:
-        return f"it is damaged: USD takes {grown / 2**30:.1f} GiB of memory for it"
+        return f"it is damaged: USD takes {grown / 2**30:.1f} GiB of memory to open it"
     if seconds > _SECONDS + _SECONDS_PER_BYTE * size:
-        return f"it is damaged: USD does not come to its end in {seconds:.0f} s"
+        return f"it is damaged: USD does not finish opening it in {seconds:.0f} s"
     return None
 
 
 def _bytes_read(process: psutil.Process) -> int:
-    """Bytes of the files that the child has read, or has in its memory as they are."""
+    """Returns the bytes of the layers that the child has read or memory-mapped."""
     mapped = {each.path: each.size for each in process.memory_maps() if ".usd" in each.path}
     return process.io_counters().read_chars + sum(mapped.values())

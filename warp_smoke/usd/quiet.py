@@ -1,4 +1,4 @@
-"""What USD prints while a stage is composed, kept from standard error."""
+"""Suppression of what USD prints to standard error while a stage is composed."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ from pxr import UsdUtils
 
 @contextmanager
 def usd_kept_quiet() -> Iterator[None]:
-    """Keeps USD from printing, also as a decorator: what is wrong with a stage the reader tells, once and in a line."""
+    """Keeps USD from printing; also a decorator. The reader reports what is wrong with a stage once, in one line."""
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     try:
         yield

@@ -1,6 +1,6 @@
 """USD stage → Scene.
 
-What is read, and what is left as it is with a warning, stands with each kind of prim: `read_smoke`, `read_mesh`,
+The modules for each kind of prim say what is read, and what is ignored with a warning: `read_smoke`, `read_mesh`,
 `read_light`, `read_material`, `read_camera`.
 """
 
@@ -61,7 +61,7 @@ def read_scene(path: str | Path) -> Scene:
     with usd_kept_quiet():
         try:
             scene = read_stage(Usd.Stage.Open(str(path)), str(path))
-        except Tf.ErrorException as error:  # also while values are read, from a file that is damaged
+        except Tf.ErrorException as error:  # also raised while values of a damaged file are read
             raise ValueError(f"{path}: not a USD stage: {usd_message(error.args[0])}") from None
         except UnicodeDecodeError:
             raise ValueError(f"{path}: not a USD stage: its names are not UTF-8") from None
@@ -109,7 +109,7 @@ def read_stage(stage: Usd.Stage, file: str) -> Scene:
         reader.warn(stage.GetPseudoRoot(), text)
     cameras = sorted(contents.cameras, key=lambda prim: not prim.GetPath().HasPrefix(stage.GetDefaultPrim().GetPath()))
     if len(cameras) > 1:
-        text = f"of {len(cameras)} cameras it is used: the first under the default prim, or else the first"
+        text = f"this one of {len(cameras)} cameras is used: the first under the default prim, or else the first"
         reader.warn(cameras[0], text)
     return replace(
         settings,
@@ -125,7 +125,7 @@ def read_stage(stage: Usd.Stage, file: str) -> Scene:
 
 
 class _Contents:
-    """The records of a stage, as its prims are gone through."""
+    """The records of a stage, collected prim by prim."""
 
     def __init__(self, reader: StageReader):
         self._materials = MaterialReader(reader)
@@ -139,7 +139,7 @@ class _Contents:
         self.ambient = np.zeros(3)
 
     def add(self, reader: StageReader, prim: Usd.Prim) -> None:
-        """Adds what one prim stands for, or one instance's copy of it."""
+        """Adds the records that one prim, or one instance's copy of it, stands for."""
         applied = set(prim.GetPrimTypeInfo().GetAppliedAPISchemas())
         for text in (*unknown_schemas(applied), *stray_attributes(prim, applied)):
             reader.warn(prim, text)
@@ -174,7 +174,7 @@ class _Contents:
             reader.warn(prim, f"a {prim.GetTypeName()} is not supported; it is left out")
 
     def linked_lights(self) -> list[Light]:
-        """The lights, once everything else is there that they may be linked to."""
+        """Returns the lights with their linking; call it once everything that they may be linked to is added."""
         paths = [record.path for record in (*self.surfaces, *self.domains)]
         return [link_light(prim, light, paths) for prim, light in self._lights]
 
@@ -220,7 +220,7 @@ class _Contents:
             )
 
     def _shape(self, reader: StageReader, prim: Usd.Prim) -> Mesh:
-        """The mesh of a prim, shared among the instances of a prototype."""
+        """Returns the mesh of a prim, shared among the instances of a prototype."""
         if not prim.IsInstanceProxy() and not isinstance(reader, InstanceReader):
             return read_geometry(reader, prim)
         path = prim.GetPrimInPrototype().GetPath() if prim.IsInstanceProxy() else prim.GetPath()
@@ -230,20 +230,20 @@ class _Contents:
 
 
 def _is_left_out(reader: StageReader, prim: Usd.Prim) -> bool:
-    """Whether a prim would be seen and cannot be read; the smoke of a run is no part of the set."""
+    """Returns whether a prim is visible but cannot be read; the smoke of a run does not count."""
     known = prim.GetTypeName() == "Skeleton" or prim.HasRelationship(DOMAIN_RELATIONSHIP)
     return prim.IsA(UsdGeom.Boundable) and not known and _seen(reader, prim)
 
 
 def _seen(reader: StageReader, prim: Usd.Prim) -> bool:
-    """Whether a prim is part of the set: ever visible, neither a guide or proxy nor Omniverse's box around a volume."""
+    """Returns whether a prim belongs to the set: ever visible, and no guide, proxy or Omniverse volume box."""
     purpose = UsdGeom.Imageable(prim).ComputePurpose()
     solid = not prim.GetAttribute("primvars:isVolume").Get()
     return solid and purpose in PARTS_OF_THE_SET and bool(np.any(each_value(reader.visible(prim))))
 
 
 def _prims(stage: Usd.Stage) -> Iterator[Usd.Prim]:
-    """All prims, those of native instances too; what lies under a PointInstancer are its prototypes."""
+    """Yields all prims, including those of native instances, but not the prototypes under a PointInstancer."""
     prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()))
     for prim in prims:
         if prim.IsA(UsdGeom.PointInstancer):
@@ -252,7 +252,7 @@ def _prims(stage: Usd.Stage) -> Iterator[Usd.Prim]:
 
 
 def _read_settings(stage: Usd.Stage, file: str) -> Scene:
-    """A scene of nothing but the stage's times, units and axis."""
+    """Returns an empty scene with the stage's times, units and up axis."""
     start = _whole(stage.GetStartTimeCode()) if stage.HasAuthoredMetadata("startTimeCode") else 1
     end = _whole(stage.GetEndTimeCode()) if stage.HasAuthoredMetadata("endTimeCode") else start + DEFAULT_FRAMES - 1
     with StageReader(file, start).naming("/", STAGE):
@@ -266,7 +266,7 @@ def _read_settings(stage: Usd.Stage, file: str) -> Scene:
 
 
 def _unset_unit(domain: SmokeDomain, settings: Scene) -> str:
-    """What it means for a domain that the stage does not say how long its unit is."""
+    """Returns the warning that the stage's unit is unset, with the size that a domain has as a result."""
     size = np.linalg.norm(domain.transform_at(settings.start)[:3, :3], axis=1) * np.subtract(domain.upper, domain.lower)
     metres = " × ".join(f"{length * settings.meters_per_unit:.3g}" for length in size)
     return f"metersPerUnit is unset, which in USD makes a unit a centimetre: {domain.path} is {metres} m"
@@ -277,12 +277,12 @@ def _has_times(stage: Usd.Stage) -> bool:
 
 
 def _whole(time: float) -> float | int:
-    """A time code as int if it is one; what it is otherwise, which Scene refuses."""
+    """Returns a time code as int if it is whole; else unchanged, for Scene to refuse."""
     return int(time) if float(time).is_integer() else time
 
 
 def usd_message(error: Tf.Error | Pcp.ErrorBase) -> str:
-    """What USD says of an error, in one line; it may quote bytes that are no text."""
+    """Returns USD's message of an error in one line; it may quote bytes that are not text."""
     try:
         text = error.commentary if isinstance(error, Tf.Error) else str(error)
     except UnicodeDecodeError as undecoded:

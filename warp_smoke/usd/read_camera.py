@@ -1,4 +1,4 @@
-"""Cameras: `UsdGeomCamera`."""
+"""Reading of cameras: `UsdGeomCamera`."""
 
 from pxr import Usd, UsdGeom
 
@@ -9,7 +9,7 @@ from warp_smoke.usd.reader import StageReader
 
 
 def read_camera(reader: StageReader, prim: Usd.Prim) -> Camera:
-    """A camera.
+    """Reads a camera.
 
     Raises:
         ValueError: one line naming file, prim and attribute.

@@ -1,6 +1,6 @@
-"""How surfaces without a material look: `primvars:displayColor` and `displayOpacity`, as viewers show them.
+"""Materials of surfaces without a bound one: `primvars:displayColor` and `displayOpacity`, as viewers show them.
 
-The records have one colour a material, so colours of whole faces become face subsets.
+A material has one colour, so faces of different colours become face subsets.
 """
 
 import numpy as np
@@ -11,19 +11,19 @@ from warp_smoke.record import LARGEST
 from warp_smoke.scene import Material, MaterialSubset
 from warp_smoke.usd.reader import StageReader, shortest_decimal
 
-# Of one surface: each is a material of its own.
+# Colours of one surface; each becomes a material of its own.
 MOST_COLORS = 64
-# The width of a primvar's values and the largest that is allowed.
+# Name of a primvar, number of components of its values, and the largest value allowed.
 _COLOR, _OPACITY = ("displayColor", 3, LARGEST), ("displayOpacity", 1, 1.0)
 
 
 def read_display_color(
     reader: StageReader, prim: Usd.Prim, mesh: Mesh
 ) -> tuple[Material | None, tuple[MaterialSubset, ...]]:
-    """The diffuse colour (linear RGB) and the opacity of a prim without a material.
+    """Makes materials from the display colour (linear RGB) and opacity of a prim without a material.
 
     Args:
-        reader: the stage's; is told what cannot be shown as it is.
+        reader: the stage's reader; takes warnings about what cannot be shown as authored.
         prim: a mesh or another prim with a surface.
         mesh: its shape.
 
@@ -66,7 +66,7 @@ def read_display_color(
 
 
 def warn_of_shadow(reader: StageReader, prim: Usd.Prim, name: str, material: Material) -> None:
-    """Tells that the shadow of a see-through surface is all or nothing, where its opacity is between."""
+    """Warns that the shadow of a partly transparent surface is all or nothing."""
     if material.opacity_texture is not None or (material.is_blended and material.casts_shadow):
         reader.warn(prim, f"{name}: its shadow is that of an opaque surface")
     elif material.is_blended and material.opacity > 0.0:
@@ -74,16 +74,16 @@ def warn_of_shadow(reader: StageReader, prim: Usd.Prim, name: str, material: Mat
 
 
 def warn_of_instances_colors(reader: StageReader, instancer: Usd.Prim) -> None:
-    """Tells that the instances of a `PointInstancer` do not have colours of their own."""
+    """Warns if the instances of a `PointInstancer` have colours of their own, which are not used."""
     primvar = UsdGeom.PrimvarsAPI(instancer).GetPrimvar("displayColor")
     if primvar and primvar.HasValue() and primvar.GetInterpolation() != UsdGeom.Tokens.constant:
         reader.warn(instancer, "primvars:displayColor of each instance is not supported; the prototypes' is used")
 
 
 def _read_faces(reader: StageReader, prim: Usd.Prim, name: str, width: int, largest: float) -> np.ndarray | None:
-    """A primvar's value on each face of a mesh, [faces, width], or the one on all of them, [1, width].
+    """Reads a primvar's value on each face of a mesh, [faces, width], or the same on all of them, [1, width].
 
-    None, with a warning, where its values cannot be used.
+    Returns None if there are no values, or, with a warning, if they cannot be used.
     """
     primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name)
     if not primvar or not primvar.HasValue():
@@ -93,7 +93,7 @@ def _read_faces(reader: StageReader, prim: Usd.Prim, name: str, width: int, larg
     if not values.size:
         return None
     if values.dtype.kind not in "fiu" or values.size != len(values) * width:
-        reader.warn(prim, f"primvars:{name} gives no values of {width} numbers each; it is left out")
+        reader.warn(prim, f"primvars:{name} does not hold values of {width} numbers each; it is left out")
         return None
     values = values.astype(np.float64).reshape(-1, width)
     if not np.all((values >= 0.0) & (values <= largest)):
@@ -118,9 +118,9 @@ def _read_faces(reader: StageReader, prim: Usd.Prim, name: str, width: int, larg
 def _at_corners(
     prim: Usd.Prim, values: np.ndarray, interpolation: str, time: float
 ) -> tuple[np.ndarray | None, np.ndarray]:
-    """Primvar values at each face's corners, None if there are not as many as needed, and the faces' corner counts.
+    """Returns primvar values at each face's corners, None if their number is wrong, and the faces' corner counts.
 
-    A prim that is no mesh has no faces here: values that change over it belong to one.
+    A prim that is not a mesh counts as one face, with all its values at the corners.
     """
     if interpolation == UsdGeom.Tokens.constant:
         return (values if len(values) == 1 else None), np.ones(1, int)

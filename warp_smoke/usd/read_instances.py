@@ -1,7 +1,7 @@
-"""Point instancers: every prim of every instance as if it stood on the stage by itself.
+"""Reading of point instancers: every prim of every instance as if it were on the stage by itself.
 
-Instances are told apart by `ids`, or by their place in the arrays. Each holds still outside the times at which it is
-there, and cannot be seen then.
+Instances are identified by `ids`, or by their index in the arrays. Outside the times at which an instance exists, it
+is invisible and does not move.
 """
 
 from collections.abc import Iterator
@@ -14,13 +14,13 @@ from pxr import Usd, UsdGeom
 from warp_smoke.record import Samples, value_at
 from warp_smoke.usd.reader import StageReader, moving_operations, whole_times
 
-# Prototypes may stand under an `over` or a `class`.
+# Prototypes may be under an `over` or a `class`.
 _PROTOTYPE_PRIMS = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 
 
 @dataclass(frozen=True)
 class _Instance:
-    """One instance at one time: its prototype's number, its transform to the instancer, and whether it is shown."""
+    """One instance at one time: index of its prototype, transform to the instancer's space, and whether it is shown."""
 
     prototype: int
     to_instancer: np.ndarray
@@ -28,7 +28,7 @@ class _Instance:
 
 
 def instanced_prims(reader: StageReader, prim: Usd.Prim) -> Iterator[tuple["InstanceReader", Usd.Prim]]:
-    """Each prim of a point instancer's instances, and what reads it as that instance's."""
+    """Yields each prim of a point instancer's instances, with the reader that reads it as that instance's."""
     instancer = UsdGeom.PointInstancer(prim)
     instances = _Instances(reader, instancer)
     for identity, first in instances.every.items():
@@ -46,9 +46,9 @@ class _Instances:
 
     Attributes:
         prim: the instancer.
-        prototypes: root prims of what it repeats.
+        prototypes: root prims of its prototypes.
         times: time codes at which anything about the instances changes; none if nothing does.
-        every: each instance that there ever is, by its identity, as it is first.
+        every: each instance that ever exists, by its identity, in its first state.
     """
 
     def __init__(self, reader: StageReader, instancer: UsdGeom.PointInstancer):
@@ -78,19 +78,19 @@ class _Instances:
                 known = self.every.setdefault(identity, instance)
                 self._present.setdefault(identity, []).append(time)
                 if known.prototype != instance.prototype:
-                    reader.warn(self.prim, "instances that change their prototype are not supported; the first stays")
+                    reader.warn(self.prim, "instances that change their prototype are not supported; the first is used")
 
     def _check_types(self, attributes: list[Usd.Attribute]) -> None:
-        """USD computes transforms and masks of nothing but the types that its schema names."""
+        """Raises ValueError if a type is not the schema's: USD computes transforms and masks only from those."""
         for attribute in attributes:
             meant = self.prim.GetPrimDefinition().GetAttributeDefinition(attribute.GetName()).GetTypeName()
-            # What layers say it is: the attribute itself may name its schema's type, and still give another's values.
+            # The layers count too: the attribute may name its schema's type and still have values of another.
             for kind in (attribute.GetTypeName(), *(spec.typeName for spec in attribute.GetPropertyStack())):
                 if kind != meant:
                     raise self._reader.error(self.prim.GetPath(), attribute.GetName(), f"of type {kind}", str(meant))
 
     def _at(self, time: float) -> dict[int, _Instance]:
-        """The instances at a time code by their identity."""
+        """Returns the instances at a time code, by their identity."""
         prototypes = self._instancer.GetProtoIndicesAttr().Get(time) or []
         for number in set(prototypes):
             if not 0 <= number < len(self.prototypes) or not self.prototypes[number]:
@@ -104,14 +104,14 @@ class _Instances:
         if len(matrices) != len(prototypes):
             given = self._instancer.GetPositionsAttr().Get(time) or []
             raise self._reader.error(
-                self.prim.GetPath(), "positions", f"{len(given)} in number", f"{len(prototypes)}, one an instance"
+                self.prim.GetPath(), "positions", f"{len(given)} in number", f"{len(prototypes)}, one for each instance"
             )
         shown = self._instancer.ComputeMaskAtTime(time) or [True] * len(prototypes)
         each = zip(identities, prototypes, matrices, shown, strict=True)
         return {int(one): _Instance(p, np.array(matrix), bool(seen)) for one, p, matrix, seen in each}
 
     def to_instancer(self, identity: int, time: float) -> np.ndarray:
-        """An instance's transform; the one nearest in time where it is not there."""
+        """Returns an instance's transform to the instancer's space, the nearest in time if it does not exist then."""
         now = self.at(time).get(identity)
         if now is None:
             present = np.array(self._present[identity])
@@ -119,7 +119,7 @@ class _Instances:
         return now.to_instancer
 
     def shown(self, identity: int, time: float) -> bool:
-        """Whether an instance is there and not masked."""
+        """Returns whether an instance exists and is not masked."""
         now = self.at(time).get(identity)
         return now is not None and now.shown
 
@@ -128,10 +128,10 @@ class InstanceReader(StageReader):
     """Reads the prims of a prototype as those of one instance.
 
     Args:
-        outer: reads the instancer.
-        instances: the instancer's.
-        identity: which of them.
-        prototype: root prim of what it repeats.
+        outer: the reader of the instancer.
+        instances: the instancer's instances.
+        identity: the identity of the instance.
+        prototype: root prim of its prototype.
 
     Attributes:
         instancer: path of the instancer.
@@ -144,12 +144,12 @@ class InstanceReader(StageReader):
         self.instancer = outer.path(instances.prim)
 
     def path(self, prim: Usd.Prim) -> str:
-        """`<instancer>/Instance<identity>/<path from the prototype's root>`."""
+        """Returns `<instancer>/Instance<identity>/<path from the prototype's root>`."""
         below = prim.GetPath().MakeRelativePath(self._prototype.GetPath().GetParentPath())
         return f"{self.instancer}/Instance{str(self._identity).replace('-', '_')}/{below}"
 
     def transform(self, prim: Usd.Prim) -> np.ndarray | Samples:
-        """Local to world: through the prototype, the instance and the instancer."""
+        """Returns local to world, by way of the prototype, the instance and the instancer."""
         outer = self._outer.transform(self._instances.prim)
         moving = list(moving_operations(prim, self._prototype))
         times = {*self.sample_times([operation.GetAttr() for operation in moving]), *self._instances.times}
@@ -167,7 +167,7 @@ class InstanceReader(StageReader):
         return self.over_time(sorted(times), at)
 
     def visible(self, prim: Usd.Prim) -> bool | Samples:
-        """Whether the instance is there, and neither hidden itself nor by its prototype or the instancer."""
+        """Returns whether the instance exists and neither it, its prototype nor the instancer is hidden."""
         outer = self._outer.visible(self._instances.prim)
         inside = [UsdGeom.Imageable(one) for one in self._inside(prim)]
         attributes = [one.GetVisibilityAttr() for one in inside if one]
@@ -182,7 +182,7 @@ class InstanceReader(StageReader):
         return self.over_time(sorted(times), at)
 
     def _inside(self, prim: Usd.Prim) -> Iterator[Usd.Prim]:
-        """A prim and what is above it in its prototype."""
+        """Yields a prim and its ancestors within the prototype."""
         while prim.GetPath().HasPrefix(self._prototype.GetPath()):
             yield prim
             prim = prim.GetParent()

@@ -1,8 +1,8 @@
-"""Lights: `UsdLux` with `ShapingAPI`, `ShadowAPI` and `SmokeLightAPI`.
+"""Reading of lights: `UsdLux` with `ShapingAPI`, `ShadowAPI` and `SmokeLightAPI`.
 
-Exposure and colour temperature are folded into intensity and colour. Lights with a shape shine from their middle
-with the power that they have: Rect and DiskLights to their front, by the cosine, and CylinderLights all around, as a
-sphere of the same area.
+Exposure is folded into intensity, colour temperature into colour. Area lights become point lights of the same power at
+their centre: RectLights and DiskLights shine to the front with a cosine falloff, CylinderLights in all directions, like
+a sphere of the same area.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ from warp_smoke.usd.names import LIGHT
 from warp_smoke.usd.read_smoke import read_smoke_fields, smoke_names
 from warp_smoke.usd.reader import StageReader, shortest_decimal, value_of
 
-# Inputs that lights are read without, and the values at which they do nothing.
+# Inputs that are ignored, and the values at which they have no effect.
 WITHOUT_EFFECT = {
     "inputs:diffuse": 1.0,
     "inputs:specular": 1.0,
@@ -32,17 +32,17 @@ WITHOUT_EFFECT = {
 # Layouts of a dome light's picture in which each row is a circle of latitude.
 ROWS_OF_LATITUDE = ("automatic", "latlong")
 
-# Of exposure: more would take any intensity beyond single precision.
+# The largest exposure: more would take any intensity beyond single precision.
 MOST_STOPS = 100.0
 
 
 def is_ambient(prim: Usd.Prim) -> bool:
-    """Whether a prim is light from everywhere."""
+    """Returns whether a prim is a dome light."""
     return prim.IsA(UsdLux.DomeLight) or prim.IsA(UsdLux.DomeLight_1)
 
 
 def read_light(reader: StageReader, prim: Usd.Prim) -> Light | None:
-    """A light; None, with a warning, for kinds that are not supported.
+    """Reads a light; returns None, with a warning, for kinds that are not supported.
 
     Raises:
         ValueError: one line naming file, prim and attribute.
@@ -83,7 +83,7 @@ def read_light(reader: StageReader, prim: Usd.Prim) -> Light | None:
 
 
 def read_ambient(reader: StageReader, prim: Usd.Prim) -> np.ndarray:
-    """The ambient colour of a dome light, linear RGB, with the mean of its picture; black if invisible at the start.
+    """Reads a dome light's ambient colour, linear RGB, with the mean of its picture; black if invisible at the start.
 
     Raises:
         ValueError: one line naming file, prim and attribute.
@@ -102,7 +102,7 @@ def read_ambient(reader: StageReader, prim: Usd.Prim) -> np.ndarray:
 
 
 def _read_sky(reader: StageReader, prim: Usd.Prim) -> np.ndarray:
-    """The mean colour of a dome light's picture, linear RGB; white where it has none, or one that is not read."""
+    """Reads the mean colour of a dome light's picture, linear RGB; white if there is none, or an unsupported one."""
     name, white = "inputs:texture:file", np.ones(3)
     asset = reader.still(prim.GetAttribute(name))
     if not asset or not asset.path:
@@ -122,12 +122,12 @@ def _read_sky(reader: StageReader, prim: Usd.Prim) -> np.ndarray:
     except OSError as error:
         raise reader.error(prim.GetPath(), name, f"{asset.path} ({error})", "a picture that can be read") from None
     if not even:
-        reader.warn(prim, f"the mean colour of {name} is used, as light from everywhere")
+        reader.warn(prim, f"the mean colour of {name} is used, as light from all directions")
     return mean
 
 
 def link_light(prim: Usd.Prim, light: Light, paths: Sequence[str]) -> Light:
-    """The light with what its `lightLink` and `shadowLink` say of the surfaces and domains at some paths."""
+    """Returns the light with its `lightLink` and `shadowLink` applied to the surfaces and domains at some paths."""
     api = UsdLux.LightAPI(prim)
     return replace(
         light,
@@ -137,7 +137,7 @@ def link_light(prim: Usd.Prim, light: Light, paths: Sequence[str]) -> Light:
 
 
 def _members(collection: Usd.CollectionAPI, paths: Sequence[str]) -> tuple[str, ...] | None:
-    """Those of the paths that a collection includes, None if it includes them all."""
+    """Returns the paths that a collection includes; None if it includes them all."""
     query = collection.ComputeMembershipQuery()
     members = tuple(path for path in paths if query.IsPathIncluded(path))
     return None if len(members) == len(paths) else members
@@ -196,8 +196,9 @@ def _disk_radius(reader: StageReader, prim: Usd.Prim) -> float:
 
 
 def _flat_radius(reader: StageReader, prim: Usd.Prim, area: float) -> float:
-    """Radius of the sphere that looks as large as a flat light does from its front."""
-    reader.warn(prim, f"a {prim.GetTypeName()} shines from its middle alone, to its front; its shadows are a disk's")
+    """Returns the radius of the sphere that looks as large as a flat light seen from the front."""
+    text = "shines from its centre only, to the front; its shadows are those of a disk"
+    reader.warn(prim, f"a {prim.GetTypeName()} {text}")
     return shortest_decimal(np.sqrt(area / np.pi))
 
 
@@ -208,10 +209,10 @@ def _cylinder_radius(reader: StageReader, prim: Usd.Prim) -> float:
 
 
 def _to_the_front(fields: dict[str, object]) -> dict[str, object]:
-    """The spot light that shines as a flat light of area A does from afar.
+    """Returns the fields of a spot light that from afar shines like a flat light of area A.
 
-    Its radiance L gives the irradiance L A cos θ/d² at an angle θ to its front, and the sphere of radius √(A/π), whose
-    area is 4 A, the irradiance L A/d². `normalize` divides by the area, which takes four times the intensity here.
+    With radiance L, the flat light gives the irradiance L A cos θ/d² at an angle θ to its front, and the sphere of
+    radius √(A/π), whose area is 4 A, gives L A/d². `normalize` divides by the area, so the intensity is quadrupled.
     """
     cone = fields.get("cone_angle", 90.0)
     shaped = {
@@ -234,5 +235,5 @@ RADII: dict[str, Callable[[StageReader, Usd.Prim], float]] = {
     "DiskLight": _disk_radius,
     "CylinderLight": _cylinder_radius,
 }
-# Lights that shine to one side, their −Z axis.
+# Lights that shine to one side, along −Z.
 FLAT = ("RectLight", "DiskLight")

@@ -1,7 +1,7 @@
-"""Geometry as triangle meshes: `UsdGeomMesh` as its cage, and the gprims; and points as small spheres.
+"""Reading of triangle meshes, from gprims and from the control cage of `UsdGeomMesh`, and of points as small spheres.
 
-Normals: those authored, for meshes with a subdivision scheme too. Without any, a mesh with scheme `none` is faceted
-and one with another scheme is smooth, as its limit surface would be.
+Authored normals are used, even for meshes with a subdivision scheme. Without them, a mesh with the scheme `none` is
+faceted and one with another scheme is smooth, as its limit surface would be.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ UNIT = 1e-5
 
 
 def read_geometry(reader: StageReader, prim: Usd.Prim) -> Mesh:
-    """The shape of a prim for which `has_geometry` holds, in its local space.
+    """Reads the shape of a prim for which `has_geometry` holds, in its local space.
 
     Raises:
         ValueError: one line naming file, prim and attribute.
@@ -35,12 +35,12 @@ def read_geometry(reader: StageReader, prim: Usd.Prim) -> Mesh:
 
 
 def has_geometry(prim: Usd.Prim) -> bool:
-    """Whether a prim's shape can be read: a mesh or a gprim with a surface."""
+    """Returns whether a prim's shape can be read: that of a mesh or another gprim with a surface."""
     return prim.IsA(UsdGeom.Mesh) or prim.GetTypeName() in GPRIMS
 
 
 def read_spheres(reader: StageReader, prim: Usd.Prim) -> Points:
-    """The points of a `UsdGeomPoints`, in its local space.
+    """Reads the points of a `UsdGeomPoints`, in its local space.
 
     Raises:
         ValueError: one line naming file, prim and attribute.
@@ -51,7 +51,7 @@ def read_spheres(reader: StageReader, prim: Usd.Prim) -> Points:
 
 
 def _read_widths(reader: StageReader, prim: Usd.Prim, count: int) -> np.ndarray | Samples:
-    """One width a point, [n] float32, or Samples [t, n]."""
+    """Reads one width for each point, [n] float32, or Samples [t, n]."""
     geom, primvar = UsdGeom.Points(prim), UsdGeom.PrimvarsAPI(prim).GetPrimvar("widths")
     attribute, interpolation = geom.GetWidthsAttr(), geom.GetWidthsInterpolation()
     if primvar and primvar.HasAuthoredValue():
@@ -62,7 +62,7 @@ def _read_widths(reader: StageReader, prim: Usd.Prim, count: int) -> np.ndarray 
         if interpolation == UsdGeom.Tokens.constant and len(widths) == 1:
             return np.repeat(widths, count)
         if len(widths) != count:
-            allowed = f"{count}, one a point, or one with constant interpolation"
+            allowed = f"{count}, one for each point, or one with constant interpolation"
             raise FieldError(str(prim.GetPath()), "widths", f"{len(widths)} values", allowed)
         return widths
 
@@ -76,7 +76,7 @@ def _read_polygons(reader: StageReader, mesh: UsdGeom.Mesh) -> Mesh:
     indices = _still_array(reader, mesh.GetFaceVertexIndicesAttr())
     path = str(mesh.GetPath())
     if len(counts) and (counts.min() < 0 or counts.sum() != len(indices)):
-        raise FieldError(path, "faceVertexCounts", f"{counts.sum()} corners in all", f"{len(indices)}, one an index")
+        raise FieldError(path, "faceVertexCounts", f"{counts.sum()} corners in all", f"{len(indices)}, one per index")
     if len(indices) and not 0 <= indices.min() <= indices.max() < len(still_points):
         allowed = f"0…{len(still_points) - 1}, the points there are"
         raise FieldError(path, "faceVertexIndices", f"{indices.min()}…{indices.max()}", allowed)
@@ -94,7 +94,7 @@ def _read_polygons(reader: StageReader, mesh: UsdGeom.Mesh) -> Mesh:
         reader.warn(mesh.GetPrim(), f"{flat} of {len(triangles)} triangles have no area")
 
     def each_corner(values: np.ndarray, interpolation: str) -> np.ndarray | None:
-        """Primvar values [·, d] at each triangle's corners, [m, 3, d]; None if there are not as many as needed."""
+        """Returns primvar values [·, d] at each triangle's corners, [m, 3, d]; None if their number is wrong."""
         places, needed = {
             UsdGeom.Tokens.constant: (np.zeros_like(corners), 1),
             UsdGeom.Tokens.uniform: (np.repeat(polygon[:, None], 3, axis=1), len(counts)),
@@ -112,7 +112,7 @@ def _read_polygons(reader: StageReader, mesh: UsdGeom.Mesh) -> Mesh:
 
 
 def _read_points(reader: StageReader, mesh: UsdGeom.PointBased) -> np.ndarray | Samples:
-    """The points [n, 3] float32, or Samples [t, n, 3]."""
+    """Reads the points, [n, 3] float32, or Samples [t, n, 3]."""
     attribute = mesh.GetPointsAttr()
     first = _array(attribute, attribute.Get(reader.start), np.float32, 3)
     times = reader.sample_times([attribute])
@@ -132,7 +132,7 @@ def _read_normals(
     triangles: np.ndarray,
     each_corner: Callable[[np.ndarray, str], np.ndarray | None],
 ) -> np.ndarray | Samples | None:
-    """Unit normals at the triangles' corners [m, 3, 3], Samples [t, m, 3, 3] if they turn, None for a faceted mesh."""
+    """Reads unit normals at triangle corners, [m, 3, 3]; Samples [t, m, 3, 3] if they turn, None for a faceted mesh."""
     prim = mesh.GetPrim()
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
     smooth = mesh.GetSubdivisionSchemeAttr().Get() != UsdGeom.Tokens.none
@@ -164,7 +164,7 @@ def _read_normals(
 
 
 def _unit(normals: np.ndarray, points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Normals made unit; those of zero length become the face's."""
+    """Returns the normals at unit length; those of length zero become the face's."""
     exact = normals.astype(np.float64)
     length = np.linalg.norm(exact, axis=2, keepdims=True)
     off = np.abs(length - 1.0) > UNIT
@@ -177,7 +177,7 @@ def _unit(normals: np.ndarray, points: np.ndarray, triangles: np.ndarray) -> np.
 def _read_uvs(
     reader: StageReader, mesh: UsdGeom.Mesh, each_corner: Callable[[np.ndarray, str], np.ndarray | None]
 ) -> np.ndarray | None:
-    """Texture coordinates at the triangles' corners, [m, 3, 2]."""
+    """Reads texture coordinates at the triangles' corners, [m, 3, 2]; None if there are none that fit."""
     primvar = uv_primvar(mesh.GetPrim())
     if primvar is None:
         return None
@@ -192,15 +192,15 @@ def _read_uvs(
 
 
 def _still_array(reader: StageReader, attribute: Usd.Attribute) -> np.ndarray:
-    """An attribute's whole numbers, [n] int64."""
+    """Reads an attribute's integers at the start, [n] int64."""
     return _array(attribute, reader.still(attribute), np.int64)
 
 
 def _array(attribute: Usd.Attribute, values: object, dtype: type, width: int | None = None) -> np.ndarray:
-    """What an attribute holds as [n], or as [n, width]; nothing if it is unset.
+    """Returns an attribute's values as [n], or as [n, width]; empty if it is unset.
 
     Raises:
-        FieldError: it holds something else.
+        FieldError: the values have another type or shape.
     """
     shape = () if width is None else (width,)
     found = np.asarray(() if values is None else values)
@@ -210,7 +210,7 @@ def _array(attribute: Usd.Attribute, values: object, dtype: type, width: int | N
     if found.dtype.kind not in kinds or found.ndim != 1 + len(shape) or found.shape[1:] != shape:
         allowed = f"an array of {allowed}" + (f", {width} each" if width else "")
         raise FieldError(str(attribute.GetPrim().GetPath()), attribute.GetName(), values, allowed)
-    with np.errstate(over="ignore"):  # what becomes infinite is refused later
+    with np.errstate(over="ignore"):  # values that become infinite are refused later
         return found.astype(dtype)
 
 
@@ -225,7 +225,7 @@ def _read_gprim(reader: StageReader, prim: Usd.Prim) -> Mesh:
 
 def _make_plane(width: float, length: float, axis: str) -> Mesh:
     """A rectangle facing its axis."""
-    (u, u_length), (v, v_length) = {  # u × v is the axis; which is width and which length is USD's choice
+    (u, u_length), (v, v_length) = {  # u × v is the axis; USD defines which is width and which length
         "X": ((1, length), (2, width)),
         "Y": ((2, length), (0, width)),
         "Z": ((0, width), (1, length)),
@@ -234,7 +234,7 @@ def _make_plane(width: float, length: float, axis: str) -> Mesh:
     return Mesh.grid(-(u_edge + v_edge) / 2, u_edge, v_edge)
 
 
-# Attributes with lengths, and what makes the mesh of them and the axis; equal gprims share one.
+# Attributes with lengths, and the function that makes a mesh of them and the axis; equal gprims share a mesh.
 GPRIMS = {
     "Sphere": (("radius",), lru_cache(Mesh.sphere)),
     "Cube": (("size",), lru_cache(Mesh.box)),

@@ -1,4 +1,4 @@
-"""The prims that smoke schemas are applied to: domains, emitters, colliders, receivers."""
+"""Reading of the prims that smoke schemas are applied to: domains, emitters, colliders, receivers."""
 
 import typing
 from collections.abc import Iterable, Iterator
@@ -15,7 +15,7 @@ from warp_smoke.usd.schema import schema_attributes
 
 
 def read_domain(reader: StageReader, prim: Usd.Prim) -> SmokeDomain:
-    """The domain that a box marks.
+    """Reads the domain that a box marks.
 
     Raises:
         ValueError: one line naming file, prim and attribute.
@@ -33,7 +33,7 @@ def read_domain(reader: StageReader, prim: Usd.Prim) -> SmokeDomain:
 
 
 def read_emitter(reader: StageReader, prim: Usd.Prim, mesh: Mesh | Points) -> Emitter:
-    """The emitter that a prim with this shape marks.
+    """Reads the emitter that a prim with this shape marks.
 
     Raises:
         ValueError: one line naming file, prim and attribute.
@@ -44,7 +44,7 @@ def read_emitter(reader: StageReader, prim: Usd.Prim, mesh: Mesh | Points) -> Em
 
 
 def read_collider(reader: StageReader, prim: Usd.Prim, mesh: Mesh) -> Collider:
-    """The collider that a prim with this shape marks.
+    """Reads the collider that a prim with this shape marks.
 
     Raises:
         ValueError: one line naming file, prim and attribute.
@@ -55,7 +55,7 @@ def read_collider(reader: StageReader, prim: Usd.Prim, mesh: Mesh) -> Collider:
 
 
 def read_receiver(reader: StageReader, prim: Usd.Prim) -> Receiver:
-    """What is to be baked for a prim.
+    """Reads what is to be baked for a prim.
 
     Raises:
         ValueError: one line naming file, prim and attribute.
@@ -66,7 +66,7 @@ def read_receiver(reader: StageReader, prim: Usd.Prim) -> Receiver:
 
 
 def read_smoke_fields(reader: StageReader, prim: Usd.Prim, schema: str, record: type[Record]) -> dict[str, object]:
-    """The fields of a record that a schema's attributes are authored for; what it has no field for is warned of."""
+    """Reads a record's fields from a schema's authored attributes; warns of attributes that it has no field for."""
     changing = {name for name, kind in typing.get_type_hints(record).items() if Samples in typing.get_args(kind)}
     fields = {attribute: field for field, attribute in smoke_fields(record, schema_attributes()[schema]).items()}
     values = {}
@@ -83,12 +83,12 @@ def read_smoke_fields(reader: StageReader, prim: Usd.Prim, schema: str, record: 
 
 
 def smoke_names(schema: str, record: type[Record]) -> dict[str, str]:
-    """Field → attribute, for the errors of a record that a schema fills."""
+    """Maps fields to attributes, for errors in a record that a schema fills."""
     return {"transform": TRANSFORM, **smoke_fields(record, schema_attributes()[schema])}
 
 
 def unknown_schemas(applied: set[str]) -> Iterator[str]:
-    """What is wrong with the names of applied schemas that look like ours and are not."""
+    """Yields a warning for each applied schema whose name looks like ours but is unknown."""
     known = schema_attributes()
     for name in sorted(applied):
         if name.lower().startswith("smo") and name.lower().endswith("api") and name not in known:
@@ -96,14 +96,14 @@ def unknown_schemas(applied: set[str]) -> Iterator[str]:
 
 
 def _suggestion(name: str, known: Iterable[str]) -> str:
-    """The known name that comes closest, upper and lower case alike, as the end of a message; nothing without any."""
+    """Returns the closest known name, ignoring case, as the end of a message; empty if none is close."""
     by_core = {each.removeprefix("smoke:").lower(): each for each in known}
     close = get_close_matches(name.removeprefix("smoke:").lower(), by_core, 1)
     return f"; did you mean {by_core[close[0]]}?" if close else ""
 
 
 def stray_attributes(prim: Usd.Prim, applied: set[str]) -> Iterator[str]:
-    """What is wrong with the names of a prim's authored `smoke:` attributes, given the schemas applied to it."""
+    """Yields a warning for each authored `smoke:` attribute that is unknown, or whose schema is not applied."""
     schemas = schema_attributes()
     for prop in prim.GetAuthoredPropertiesInNamespace("smoke"):
         name = prop.GetName()
@@ -119,7 +119,7 @@ def stray_attributes(prim: Usd.Prim, applied: set[str]) -> Iterator[str]:
 
 
 def _read_box(reader: StageReader, prim: Usd.Prim) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Lower and upper corner of a domain, in local space."""
+    """Reads the lower and upper corner of a domain, in local space."""
     path = str(prim.GetPath())
     if prim.IsA(UsdGeom.Cube):
         half = positive(path, "size", reader.still(prim.GetAttribute("size"))) / 2

@@ -1,4 +1,4 @@
-"""Smoke that a run has written: the density of each `UsdVol.Volume` at a frame, from its `.vdb` file."""
+"""Reading of smoke: the density of each `UsdVol.Volume` at a frame, from its `.vdb` file."""
 
 from dataclasses import replace
 
@@ -11,28 +11,28 @@ from warp_smoke.scene import Scene, SmokeDomain
 from warp_smoke.usd.volume import DOMAIN_RELATIONSHIP
 from warp_smoke.vdb import read_vdb
 
-# Voxels may differ in size along their axes by this share, which is rounding.
+# Relative difference between a voxel's sides that counts as rounding.
 _CUBE = 1e-4
-# They are a domain's where they lie within this share of one on it.
+# Voxels count as the domain's own cells if they lie within this fraction of a cell of them.
 _COINCIDENT = 1e-3
 
 
 def read_volumes(stage: Usd.Stage, scene: Scene, frame: int) -> list[tuple[SmokeDomain, Lattice, np.ndarray]]:
-    """The visible smoke on a stage at a frame.
+    """Reads the visible smoke on a stage at a frame.
 
     Args:
         stage: the stage.
-        scene: what was read of it.
+        scene: the scene read from it.
         frame: the frame.
 
     Returns:
-        For each volume with a field `density`: the domain whose smoke it is (a default one for volumes of other
-        makers), where its voxels lie, and the density [nx, ny, nz] float32, as it was before `densityScale`. Files
-        hold the voxels with smoke alone: these lie in all those of the domain, or else in one more of none around
-        them.
+        For each volume with a field `density`: the domain that it belongs to (a default one for volumes from other
+        programs), the lattice of its voxels, and the density before `densityScale`, [nx, ny, nz] float32. Files hold
+        only the voxels with smoke: the arrays cover the whole domain, or, if the voxels do not fit one, one more empty
+        voxel on each side.
 
     Raises:
-        ValueError: a file is missing or damaged, or its voxels are no cubes.
+        ValueError: a file is missing or damaged, or its voxels are not cubes.
         OSError: a file cannot be read.
     """
     domains = {domain.path: domain for domain in scene.domains}
@@ -57,7 +57,7 @@ def read_volumes(stage: Usd.Stage, scene: Scene, frame: int) -> list[tuple[Smoke
 
 
 def _read_density(field: UsdVol.OpenVDBAsset, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """A field's values, and the way from cell coordinates to the volume's space, 4 × 4 row-vector matrix."""
+    """Reads a field's values, and the 4 × 4 row-vector matrix from cell coordinates to the volume's space."""
     asset = field.GetFilePathAttr().Get(frame)
     if not asset or not asset.resolvedPath:
         name = field.GetFilePathAttr().GetPath()
@@ -75,7 +75,7 @@ def _read_density(field: UsdVol.OpenVDBAsset, frame: int) -> tuple[np.ndarray, n
 def _with_empty_around(
     density: np.ndarray, lattice: Lattice, domain: SmokeDomain | None, scene: Scene
 ) -> tuple[np.ndarray, Lattice]:
-    """The density over the whole lattice of its domain; of any other volume, with one empty voxel around it."""
+    """Returns the density over its domain's whole lattice, or for other volumes with one empty voxel around it."""
     whole = lattice if domain is None else _lattice_of(domain, lattice.voxel_size, scene)
     offset = (lattice.cells_to_world() @ whole.world_to_cells())[3, :3]
     before = np.rint(offset).astype(int)
@@ -91,7 +91,7 @@ def _with_empty_around(
 
 
 def _lattice_of(domain: SmokeDomain, voxel_size: float, scene: Scene) -> Lattice:
-    """The cells of a domain at the resolution that a run with voxels of this size had."""
+    """Returns the lattice of a domain at the resolution of a run with voxels of this size."""
     sides = np.linalg.norm(domain.transform_at(scene.start)[:3, :3], axis=1) * np.subtract(domain.upper, domain.lower)
     return place_lattice(scene, replace(domain, resolution=int(np.clip(round(sides.max() / voxel_size), 1, 4096))))
 

@@ -1,4 +1,4 @@
-"""An open stage while it is read: its values in time, its transforms, and how errors and warnings name its prims."""
+"""Reading of values over time and transforms from an open stage, and how errors and warnings name its prims."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from warp_smoke.record import FieldError, Samples, each_value
 
 LONGEST_VALUE = 120
 SINGLE_PRECISION = (Gf.Vec2f, Gf.Vec3f, Gf.Vec4f, Gf.Vec2h, Gf.Vec3h, Gf.Vec4h)
-# Operations of which a value halfway gives the matrix halfway.
+# Operations whose matrix is linear in their value, so that both can be interpolated alike.
 LINEAR_OPERATIONS = {
     UsdGeom.XformOp.TypeTransform,
     UsdGeom.XformOp.TypeTranslate,
@@ -30,8 +30,8 @@ class StageReader:
 
     Attributes:
         file: how errors name the stage.
-        start: time code at which values that may not change are taken.
-        warnings: what is not supported, each said once, as `PRIM: text`.
+        start: time code at which values that may not change are read.
+        warnings: what is not supported, each once, as `PRIM: text`.
     """
 
     def __init__(self, file: str, start: float):
@@ -42,20 +42,20 @@ class StageReader:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was said by `warn`, in order."""
+        """The warnings recorded by `warn`, in order."""
         return tuple(self._warnings)
 
     def warn(self, prim: Usd.Prim, text: str) -> None:
-        """Notes that something on a prim is not supported."""
+        """Records a warning that something on a prim is not supported."""
         self._warnings[f"{prim.GetPath()}: {text}"] = None
 
     def path(self, prim: Usd.Prim) -> str:
-        """The path of the records made of a prim."""
+        """Returns the path of the records made from a prim."""
         return str(prim.GetPath())
 
     @contextmanager
     def naming(self, path: object, attributes: Mapping[str, str]) -> Iterator[None]:
-        """Turns a FieldError raised within into the one line that names file, prim and attribute."""
+        """Turns a FieldError raised inside the context into one line that names file, prim and attribute."""
         try:
             yield
         except FieldError as error:
@@ -63,11 +63,11 @@ class StageReader:
             raise self.error(path, attribute, error.value, error.allowed) from None
 
     def error(self, path: object, attribute: str, value: object, allowed: str) -> ValueError:
-        """The one line for bad input."""
+        """Makes the one-line error for bad input."""
         return bad_input(self.file, path, attribute, value, allowed)
 
     def sample_times(self, attributes: Sequence[Usd.Attribute]) -> list[float]:
-        """The time codes at which any of the attributes has a sample; splines are sampled at whole time codes too."""
+        """Returns the times of all samples of the attributes; of splines, the knots and the whole time codes."""
         times = set()
         for attribute in attributes:
             if attribute.HasSpline():
@@ -78,7 +78,7 @@ class StageReader:
         return sorted(times)
 
     def over_time(self, times: Sequence[float], evaluate: Callable[[float], object]) -> object:
-        """The values at some time codes as Samples, or the one value if they are all the same."""
+        """Returns the values at the given time codes as Samples, or one value if they are all the same."""
         if len(times) < 2:
             return evaluate(self.start)
         values = np.array([evaluate(time) for time in times])
@@ -87,21 +87,21 @@ class StageReader:
         return Samples(np.array(times), values)
 
     def changing(self, attribute: Usd.Attribute) -> object:
-        """An attribute's value, as Samples where it changes in time."""
+        """Returns an attribute's value, as Samples if it changes in time."""
         return self.over_time(self.sample_times([attribute]), partial(value_of, attribute))
 
     def still(self, attribute: Usd.Attribute) -> object:
-        """An attribute's value at the start, with a warning where it changes in time."""
+        """Returns an attribute's value at the start, with a warning if it changes in time."""
         if attribute.ValueMightBeTimeVarying():
             name = attribute.GetName()
             self.warn(attribute.GetPrim(), f"{name} changes in time, which is not supported; its first value is used")
         return value_of(attribute, self.start)
 
     def transform(self, prim: Usd.Prim) -> np.ndarray | Samples:
-        """Local to world, 4 × 4 row-vector matrix.
+        """Returns local to world, 4 × 4 row-vector matrix.
 
-        It is sampled where any of the operations that make it has a sample, and where it is not linear between these
-        also at every whole time code.
+        It is sampled wherever one of its operations has a sample and, unless it is linear in between, also at every
+        whole time code.
         """
         moving = list(moving_operations(prim))
         times = self.sample_times([operation.GetAttr() for operation in moving])
@@ -116,7 +116,7 @@ class StageReader:
         return self._transforms[time]
 
     def visible(self, prim: Usd.Prim) -> bool | Samples:
-        """Whether neither a prim nor an ancestor of it is invisible."""
+        """Returns whether neither a prim nor any of its ancestors is invisible."""
         imageable = UsdGeom.Imageable(prim)
         above = map(UsdGeom.Imageable, _upwards(prim))
         attributes = [one.GetVisibilityAttr() for one in above if one]
@@ -126,7 +126,7 @@ class StageReader:
 
 
 def bad_input(file: str, path: object, attribute: str, value: object, allowed: str) -> ValueError:
-    """The one line that names file, prim and attribute, the value and what is allowed."""
+    """Returns the error that names file, prim, attribute, value and what is allowed, in one line."""
     if isinstance(value, Samples):
         value = each_value(value).tolist()
     shown = " ".join(str(value).split())
@@ -136,14 +136,14 @@ def bad_input(file: str, path: object, attribute: str, value: object, allowed: s
 
 
 def whole_times(times: Sequence[float]) -> np.ndarray:
-    """The whole time codes between the first and the last of some."""
+    """Returns the whole time codes between the first and the last of the given ones."""
     return np.arange(np.ceil(min(times)), np.floor(max(times)) + 1)
 
 
 def value_of(attribute: Usd.Attribute, time: float) -> object:
-    """An attribute's value as plain Python or NumPy.
+    """Returns an attribute's value as plain Python or NumPy.
 
-    A number stored in single precision becomes the shortest decimal that is stored so: 0.1, not 0.10000000149.
+    A single-precision number becomes the shortest decimal that rounds to it: 0.1, not 0.10000000149.
     """
     value = attribute.Get(time)
     if isinstance(value, SINGLE_PRECISION):
@@ -158,20 +158,20 @@ def value_of(attribute: Usd.Attribute, time: float) -> object:
 
 
 def shortest_decimal(value: float) -> float:
-    """The shortest decimal number that single precision stores as this value; infinity if it is too large."""
+    """Returns the shortest decimal number that single precision stores as this value; infinity if it is too large."""
     with np.errstate(over="ignore"):
         return float(str(np.float32(value)))
 
 
 def _upwards(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    """A prim and its ancestors, without the pseudo-root."""
+    """Yields a prim and its ancestors, without the pseudo-root."""
     while not prim.IsPseudoRoot():
         yield prim
         prim = prim.GetParent()
 
 
 def moving_operations(prim: Usd.Prim, top: Usd.Prim | None = None) -> Iterator[UsdGeom.XformOp]:
-    """The transform operations of a prim and its ancestors, up to `top`, that may change in time."""
+    """Yields the transform operations of a prim and its ancestors, up to `top`, that may change in time."""
     for one in _upwards(prim):
         xformable = UsdGeom.Xformable(one)
         if xformable:

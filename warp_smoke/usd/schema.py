@@ -1,4 +1,4 @@
-"""The codeless schema: what `generatedSchema.usda` defines, and its registration with USD."""
+"""The codeless schemas: the definitions in `generatedSchema.usda`, and their registration with USD."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -11,7 +11,7 @@ SCHEMA_FOLDER = Path(__file__).parent / "schema"
 
 
 class SchemaAttribute(NamedTuple):
-    """One attribute of an applied schema; the default is None where unset has a meaning of its own."""
+    """One attribute of an applied schema; the default is None if leaving it unset has a meaning of its own."""
 
     value_type: Sdf.ValueTypeName
     variability: Sdf.Variability
@@ -20,13 +20,13 @@ class SchemaAttribute(NamedTuple):
 
 
 def register_schema() -> bool:
-    """Makes the schema known to USD in this process, so that prims show its attributes with their defaults.
+    """Registers the schemas with USD in this process, so that prims show their attributes with the defaults.
 
-    USD builds its table of schemas when the first stage is opened and never again: after that, this changes
-    nothing. Scenes are read and authored all the same, from the names of the applied schemas alone.
+    USD builds its table of schemas when the first stage is opened, and never again: after that, this has no effect.
+    Scenes are still read and authored correctly, from the names of the applied schemas alone.
 
     Returns:
-        Whether USD knows the schema.
+        Whether USD knows the schemas.
     """
     Plug.Registry().RegisterPlugins(str(SCHEMA_FOLDER))
     return Usd.SchemaRegistry().FindAppliedAPIPrimDefinition("SmokeDomainAPI") is not None
@@ -34,7 +34,7 @@ def register_schema() -> bool:
 
 @cache
 def schema_attributes() -> Mapping[str, Mapping[str, SchemaAttribute]]:
-    """The attributes of each applied schema: schema name → attribute name → what is defined."""
+    """Returns the attributes of each applied schema: schema name → attribute name → definition."""
     layer = Sdf.Layer.FindOrOpen(str(SCHEMA_FOLDER / "generatedSchema.usda"))
     return {
         prim.name: {

@@ -1,4 +1,4 @@
-"""What USD reads of a stage's metadata: that of the layer which is opened, and of none below it."""
+"""Stage metadata in sublayers, which USD ignores: it reads only that of the root layer."""
 
 from collections.abc import Iterator
 
@@ -16,7 +16,7 @@ _OF_THE_STAGE = (
 
 
 def ineffective_metadata(stage: Usd.Stage) -> Iterator[tuple[str, str]]:
-    """What a sublayer says otherwise than the stage, where the opened layer says nothing: its name, and a remark."""
+    """Yields the name of each metadatum that only a sublayer sets, to another value than the stage's, and a remark."""
     below = stage.GetLayerStack(includeSessionLayers=False)[1:]
     for name in _OF_THE_STAGE:
         layer = next((each for each in below if each.pseudoRoot.HasInfo(name)), None)

@@ -1,8 +1,8 @@
-"""Polygons to triangles: fans for convex ones, ear clipping (Meisters, 1975) for the rest."""
+"""Triangulation of polygons: fans for convex ones, ear clipping (Meisters, 1975) for the rest."""
 
 import numpy as np
 
-# Corners that turn the other way by less than this share of the polygon's area are taken as straight.
+# Corners that turn the wrong way by less than this fraction of the polygon's area count as straight.
 STRAIGHT = 1e-6
 
 
@@ -11,11 +11,11 @@ def triangulate(points: np.ndarray, counts: np.ndarray, indices: np.ndarray) -> 
 
     Args:
         points: [n, 3].
-        counts: corners of each polygon, [p]; those with fewer than three are left out.
+        counts: number of corners of each polygon, [p]; polygons with fewer than three are left out.
         indices: the corners' points, polygon after polygon, [c].
 
     Returns:
-        The corners of each triangle, [m, 3] into `indices`, and the polygon it comes from, [m]; in the polygons' order.
+        The corners of each triangle, [m, 3] into `indices`, and its polygon, [m]; in the order of the polygons.
     """
     counts = np.asarray(counts, np.int64)
     first = np.cumsum(counts) - counts
@@ -32,7 +32,7 @@ def triangulate(points: np.ndarray, counts: np.ndarray, indices: np.ndarray) -> 
 
 
 def _not_convex(points: np.ndarray, counts: np.ndarray, indices: np.ndarray) -> np.ndarray:
-    """The polygons of more than three corners that turn both ways."""
+    """Returns the polygons of more than three corners that turn both ways."""
     many = np.repeat(counts > 3, counts)
     polygon = np.repeat(np.arange(len(counts)), counts)[many]
     if not len(polygon):
@@ -45,7 +45,7 @@ def _not_convex(points: np.ndarray, counts: np.ndarray, indices: np.ndarray) -> 
     here = np.asarray(points, np.float64)[indices[corner]]
     ahead = points[indices[after]] - here
     behind = here - points[indices[before]]
-    # Twice the area, by corners relative to the polygon's first so that far-away polygons keep their digits.
+    # Twice the area, from corners relative to the polygon's first, so that far-away polygons do not lose digits.
     base = points[indices[first[polygon]]]
     area = np.zeros((len(counts), 3))
     np.add.at(area, polygon, np.cross(here - base, here + ahead - base))
@@ -55,13 +55,13 @@ def _not_convex(points: np.ndarray, counts: np.ndarray, indices: np.ndarray) -> 
 
 
 def clip_ears(polygon: np.ndarray) -> np.ndarray:
-    """Cuts triangles off a simple polygon, not necessarily convex.
+    """Splits a simple polygon, not necessarily convex, into triangles.
 
     Args:
-        polygon: corners [n, 3], about in a plane.
+        polygon: corners [n, 3], approximately in a plane.
 
     Returns:
-        Triangles [n − 2, 3] into the corners. Where no ear is found (the outline crosses itself) the rest is a fan.
+        Triangles [n − 2, 3] into the corners. If no ear is found (the outline crosses itself), the rest is a fan.
     """
     flat = _flattened(np.asarray(polygon, np.float64))
     left = list(range(len(flat)))
@@ -78,7 +78,7 @@ def clip_ears(polygon: np.ndarray) -> np.ndarray:
 
 
 def _flattened(polygon: np.ndarray) -> np.ndarray:
-    """The polygon seen along its normal, [n, 2], counter-clockwise."""
+    """Returns the polygon projected along its normal's main axis, [n, 2], counter-clockwise."""
     relative = polygon - polygon[0]
     normal = np.cross(relative, np.roll(relative, -1, axis=0)).sum(axis=0)
     axis = int(np.argmax(np.abs(normal)))
@@ -87,17 +87,17 @@ def _flattened(polygon: np.ndarray) -> np.ndarray:
 
 
 def _is_ear(flat: np.ndarray, left: list[int], k: int) -> bool:
-    """Whether corner k turns left and no other corner lies in the triangle it makes with its neighbours."""
+    """Returns whether corner k turns left and no other corner lies in the triangle it makes with its neighbours."""
     a, b, c = (flat[left[n % len(left)]] for n in (k - 1, k, k + 1))
     if _turn(a, b, c) <= 0:
         return False
     others = flat[[left[n % len(left)] for n in range(k + 2, k + len(left) - 1)]]
     inside = (_turn(a, b, others) >= 0) & (_turn(b, c, others) >= 0) & (_turn(c, a, others) >= 0)
-    # Outlines with a slit pass twice through a point: the ear's own corners are not in its way.
+    # Outlines with a slit pass through a point twice: points equal to the ear's corners do not count.
     inside &= ~np.any([np.all(others == corner, axis=1) for corner in (a, b, c)], axis=0)
     return not inside.any()
 
 
 def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Twice the signed area of the triangle a b c."""
+    """Returns twice the signed area of the triangle a b c."""
     return (b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0])
