@@ -98,7 +98,7 @@ def test_other_shaders_are_grey(tmp_path):
     )
     scene = scene_of(tmp_path, prims)
     assert [surface.material for surface in scene.surfaces] == [None, None]
-    text = "/World/M: only UsdPreviewSurface is supported; what it is bound to is read as grey"
+    text = "/World/M: only UsdPreviewSurface is supported; grey is used instead"
     assert scene.warnings == (text,)
 
 

@@ -24,7 +24,7 @@ def test_a_binding_to_nothing_is_warned_of(tmp_path):
     """A material that is not there is named; the mesh is grey."""
     scene = scene_of(tmp_path, with_material("").replace("rel material:binding = </World/M>", BROKEN_BINDING))
     assert scene.surfaces[0].material is None
-    text = "/World/A: material:binding names /World/Gone, which is no material; it is read as grey"
+    text = "/World/A: material:binding names /World/Gone, which is not a material; grey is used"
     assert scene.warnings == (text,)
 
 
@@ -61,8 +61,8 @@ def test_a_binding_to_nothing_is_warned_of(tmp_path):
                 "normal3f inputs:normal.connect = </World/M/T.outputs:rgb>",
                 texture("asset inputs:file = @./picture.png@")[1],
             ),
-            "/World/M/S: scale and bias of the normal map are (1.0, 1.0, 1.0) and (0.0, 0.0, 0.0); (2, 2, 2) and "
-            "(-1, -1, -1) make directions of 8 bits",
+            "/World/M/S: scale and bias of the normal map are (1.0, 1.0, 1.0) and (0.0, 0.0, 0.0); 8-bit "
+            "directions need (2, 2, 2) and (-1, -1, -1)",
         ),
         (
             (

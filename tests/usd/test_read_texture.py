@@ -64,7 +64,7 @@ def test_textures_over_other_coordinates_are_told(tmp_path, varname, more, warne
         )
         rel material:binding""",
     )
-    told = "/World/A: /World/M lies over primvars:Second, which is not supported; it lies over primvars:st"
+    told = "/World/A: /World/M uses primvars:Second, which is not supported; primvars:st is used instead"
     assert scene_of(tmp_path, text).warnings == ((told,) if warned else ())
 
 

@@ -1,7 +1,7 @@
-"""Materials: the bound `UsdPreviewSurface`, with a `UsdUVTexture` on any of its inputs that are shaded.
+"""Reading of materials: the bound `UsdPreviewSurface`, with `UsdUVTexture`s on the inputs that are used.
 
-A texture on displacement gives heights for parallax; `SmokeMaterialAPI` on the Material says what else USD cannot.
-Where none is bound, the display colour stands in.
+A texture on displacement provides the heights for parallax; `SmokeMaterialAPI` on the Material adds what USD cannot
+express. A prim without a bound material takes its display colour.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from warp_smoke.usd.read_display_color import read_display_color, warn_of_shadow
 from warp_smoke.usd.reader import StageReader, shortest_decimal
 from warp_smoke.usd.schema import schema_attributes
 
-# What UsdPreviewSurface falls back to.
+# The fallback values of UsdPreviewSurface.
 PREVIEW_SURFACE = {
     "diffuseColor": (0.18, 0.18, 0.18),
     "emissiveColor": (0.0, 0.0, 0.0),
@@ -29,9 +29,9 @@ PREVIEW_SURFACE = {
     "opacity": 1.0,
     "opacityThreshold": 0.0,
 }
-# Inputs that surfaces are read without, and the values at which they do nothing.
+# Inputs that are ignored, and the values at which they have no effect.
 WITHOUT_EFFECT = {"clearcoat": 0.0}
-# The inputs that may come from a texture, and the record's field.
+# The inputs that may come from a texture, and the record's fields for them.
 TEXTURED = {
     "diffuseColor": "diffuse_texture",
     "specularColor": "specular_texture",
@@ -42,11 +42,11 @@ TEXTURED = {
     "opacity": "opacity_texture",
 }
 _COLORS = ("diffuseColor", "specularColor", "emissiveColor", "normal")
-# The inputs whose texture is data, and the record's field; their values without a texture have no effect.
+# The inputs used only through a texture, with the record's fields, and the values at which they have no effect.
 RELIEF = {"normal": ("normal_texture", (0.0, 0.0, 1.0)), "displacement": ("height_texture", 0.0)}
-# What makes −1…1 of a normal map's codes.
+# Maps a normal map's values 0…1 to −1…1.
 NORMAL_SCALE, NORMAL_BIAS = (2.0, 2.0, 2.0), (-1.0, -1.0, -1.0)
-# As its specification says, a texture without wrap modes, in a file that has none either, is black outside [0, 1].
+# By the specification, a texture with wrap modes neither on the prim nor in its file is black outside [0, 1].
 WRAP_MODES = {"useMetadata": "black"}
 
 _SMOKE_FIELDS = ("reflection", "gloss", "parallax", "parallax_scale", "parallax_bias")
@@ -58,11 +58,11 @@ class MaterialReader:
     def __init__(self, reader: StageReader):
         self._reader = reader
         self._materials: dict[Sdf.Path, Material | None] = {}
-        self._coordinates: dict[Sdf.Path, set[str]] = {}  # primvars that a material's textures lie over
+        self._coordinates: dict[Sdf.Path, set[str]] = {}  # primvars that a material's textures use
         self._unbound: dict[Sdf.Path, tuple[Material | None, tuple[MaterialSubset, ...]]] = {}
 
     def look_of(self, prim: Usd.Prim, mesh: Mesh) -> tuple[Material | None, tuple[MaterialSubset, ...]]:
-        """The material of a prim, or without one its display colour, and the materials of its face subsets.
+        """Reads the material of a prim, or without one its display colour, and the materials of its face subsets.
 
         Raises:
             ValueError: one line naming file, prim and attribute.
@@ -79,7 +79,7 @@ class MaterialReader:
         return material, (*bound, *colored)
 
     def bound_to(self, prim: Usd.Prim) -> Material | None:
-        """The material of a prim; None, with a warning, if it is not a `UsdPreviewSurface`; None if it has none.
+        """Reads the material of a prim; None if it has none or, with a warning, one other than a `UsdPreviewSurface`.
 
         Raises:
             ValueError: one line naming file, prim and attribute.
@@ -88,7 +88,7 @@ class MaterialReader:
         material, _ = binding.ComputeBoundMaterial(UsdShade.Tokens.full)
         if not material:
             for path in binding.GetDirectBindingRel().GetTargets():
-                self._reader.warn(prim, f"material:binding names {path}, which is no material; it is read as grey")
+                self._reader.warn(prim, f"material:binding names {path}, which is not a material; grey is used")
             return None
         path = material.GetPath()
         if path not in self._materials:
@@ -97,16 +97,16 @@ class MaterialReader:
         return self._materials[path]
 
     def _warn_of_coordinates(self, prim: Usd.Prim, material: Sdf.Path) -> None:
-        """Warns where textures ask for coordinates that a mesh has, but which are not those that are read."""
+        """Warns if textures use coordinates that a mesh has, but not the ones that are read."""
         mesh = prim.GetParent() if prim.IsA(UsdGeom.Subset) else prim
         used, asked = uv_primvar(mesh), self._coordinates.get(material, set())
         for name in sorted(asked - {used.GetPrimvarName()}) if used else ():
             if UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance(name).HasValue():
-                text = f"{material} lies over primvars:{name}, which is not supported; it lies over {used.GetName()}"
+                text = f"{material} uses primvars:{name}, which is not supported; {used.GetName()} is used instead"
                 self._reader.warn(mesh, text)
 
     def bound_to_subsets(self, prim: Usd.Prim, mesh: Mesh) -> tuple[MaterialSubset, ...]:
-        """The materials of a mesh's face subsets, those of the family `materialBind`.
+        """Reads the materials of a mesh's face subsets in the family `materialBind`.
 
         Raises:
             ValueError: one line naming file, prim and attribute.
@@ -131,7 +131,7 @@ class MaterialReader:
     def _read(self, material: UsdShade.Material) -> Material | None:
         surface, _, _ = material.ComputeSurfaceSource()
         if not surface or surface.GetShaderId() != "UsdPreviewSurface":
-            text = "only UsdPreviewSurface is supported; what it is bound to is read as grey"
+            text = "only UsdPreviewSurface is supported; grey is used instead"
             self._reader.warn(material.GetPrim(), text)
             return None
         for name, value in WITHOUT_EFFECT.items():
@@ -171,7 +171,7 @@ class MaterialReader:
         return read
 
     def _read_smoke_fields(self, prim: Usd.Prim) -> dict[str, object]:
-        """The fields that `SmokeMaterialAPI` fills."""
+        """Reads the fields that `SmokeMaterialAPI` fills."""
         if "SmokeMaterialAPI" not in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
             return {}
         authored = {}
@@ -191,18 +191,18 @@ class MaterialReader:
         return fields
 
     def _check_normal_map(self, surface: UsdShade.Shader, texture: Texture | None) -> None:
-        """Warns of a normal map that is read as something else than directions from −1 to 1."""
+        """Warns if a normal map's values are not mapped to directions from −1 to 1, or are marked as sRGB."""
         if texture is None:
             return
         if (texture.scale[:3], texture.bias[:3]) != (NORMAL_SCALE, NORMAL_BIAS):
             found = f"{texture.scale[:3]} and {texture.bias[:3]}"
-            text = f"scale and bias of the normal map are {found}; (2, 2, 2) and (-1, -1, -1) make directions of 8 bits"
+            text = f"scale and bias of the normal map are {found}; 8-bit directions need (2, 2, 2) and (-1, -1, -1)"
             self._reader.warn(surface.GetPrim(), text)
         if texture.color_space == "sRGB":
             self._reader.warn(surface.GetPrim(), "the normal map is marked as sRGB; directions are stored raw")
 
     def _read_values(self, surface: UsdShade.Shader) -> dict[str, float | tuple[float, ...]]:
-        """The numbers of a `UsdPreviewSurface`."""
+        """Reads the numbers of a `UsdPreviewSurface`."""
         path, values = str(surface.GetPath()), {}
         with self._reader.naming(path, {}):
             for name, fallback in PREVIEW_SURFACE.items():
@@ -211,7 +211,7 @@ class MaterialReader:
         return values
 
     def _value(self, shader: UsdShade.Shader, name: str) -> object:
-        """An input's number; where it comes from another shader, what is authored behind that, or its fallback."""
+        """Reads an input's number; if it is connected to another shader, the input's authored value or its fallback."""
         source = _source(shader, name)
         if source is None:
             return PREVIEW_SURFACE[name]
@@ -224,7 +224,7 @@ class MaterialReader:
         return self._reader.still(hidden) if hidden.HasAuthoredValue() and name in TEXTURED else PREVIEW_SURFACE[name]
 
     def _texture_on(self, surface: UsdShade.Shader, name: str) -> Texture | None:
-        """The texture that an input comes from; None, with a warning, where it cannot be used."""
+        """Reads the texture that an input comes from; None if there is none or, with a warning, an unusable one."""
         source = _source(surface, name)
         if source is None or not _is_output(source):
             return None
@@ -261,7 +261,7 @@ class MaterialReader:
             return Texture(**fields)
 
     def _read_transform(self, texture: UsdShade.Shader) -> dict[str, object]:
-        """What a `UsdTransform2d` does to a texture's coordinates."""
+        """Reads a texture's `UsdTransform2d`; empty if it has none."""
         coordinates = _source(texture, "st")
         if not coordinates or UsdShade.Shader(coordinates.GetPrim()).GetShaderId() != "UsdTransform2d":
             return {}
@@ -279,14 +279,14 @@ class MaterialReader:
 
 
 def _is_bound(prim: Usd.Prim) -> bool:
-    """Whether a prim names a material, there or not, or has one from above."""
+    """Returns whether a prim names a material, existing or not, or inherits one."""
     binding = UsdShade.MaterialBindingAPI(prim)
     named = binding.GetDirectBindingRel().GetTargets()
     return bool(named or binding.ComputeBoundMaterial(UsdShade.Tokens.full)[0])
 
 
 def _reflectance(values: dict[str, object], textures: dict[str, Texture | None]) -> dict[str, object]:
-    """Reflectance at normal incidence and share of metal, of either workflow; takes out textures of the other."""
+    """Returns reflectance at normal incidence or metalness, as the workflow needs; removes the other's textures."""
     if values["useSpecularWorkflow"]:
         textures["metallic_texture"] = None
         return {"metallic": 0.0}
@@ -296,14 +296,14 @@ def _reflectance(values: dict[str, object], textures: dict[str, Texture | None])
 
 
 def _source(shader: UsdShade.Shader, name: str) -> Usd.Attribute | None:
-    """The attribute that an input's value comes from: its own, the material's, or another shader's output."""
+    """Returns the attribute that an input's value comes from: its own, the material's, or another shader's output."""
     given = shader.GetInput(name)
     attributes = given.GetValueProducingAttributes() if given else ()
     return attributes[0] if attributes else None
 
 
 def _coordinates(surface: UsdShade.Shader, name: str) -> str | None:
-    """The primvar that the texture of an input lies over; None where that is not said."""
+    """Returns the primvar that an input's texture takes its coordinates from; None if that is not authored."""
     shader = surface
     for link in (name, "st", "in"):
         source = _source(shader, link)

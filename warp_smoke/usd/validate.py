@@ -1,4 +1,4 @@
-"""Is this a stage that every DCC accepts: what the public validators and our own checks say, in one list."""
+"""Validation of a stage for all DCCs: the problems that public validators and our own checks find, in one list."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -14,9 +14,9 @@ from warp_smoke.usd.read import read_stage, usd_message
 from warp_smoke.usd.schema import register_schema
 
 _ORDER = ("error", "warning", "info")
-# Outputs of a material for any renderer; those for one have its name before.
+# Outputs of a material for all renderers; those for one renderer are prefixed with its name.
 _FOR_ALL = ("surface", "displacement", "volume")
-# What is slow or untidy, but which every DCC reads: rules that call it a failure, and a part of what they say.
+# Slow or untidy things that every DCC reads all the same: the rules that fail them, and a part of their message.
 _STYLE = (
     ("UsdAsciiPerformanceChecker", ""),
     ("NormalsExistChecker", ""),
@@ -24,39 +24,39 @@ _STYLE = (
     ("DefaultPrimChecker", 'of type ""'),
     ("ExtentsChecker", "does not have any extent"),
 )
-# What several validators tell, each in words of its own: of a prim, or else of the stage or of a file.
+# Problems that several validators report, each in its own words: of a prim, or else of the stage or a file.
 _OF_A_PRIM = {"extent": re.compile(r"\bextent\b"), "type": re.compile(r'Missing type|of type ""')}
 _OF_ALL = re.compile(r"metersPerUnit|upAxis|(?<=dependency ').*(?=')|(?<=there is no file ).*")
-# The layer that a rule finds slow, which it only tells in its message.
+# The layer that a rule finds slow, which only its message names.
 _SLOW = re.compile(r"(?<=attribute\(s\) in ').*(?=' have)")
 
 
 def validate_stage(path: str | Path) -> list[Problem]:
-    """Looks for what is wrong with a stage, a user's or one with results.
+    """Finds the problems of a stage, either a user's or one with results.
 
-    Asked are all validators of usd-core, the rules of usd-validation-nvidia where that is installed, our own checks
-    (`checks`), and the scene reader for what it refuses. What the public validators say of shaders for one renderer,
-    whose nodes they do not know, becomes an info, and what every DCC reads but is untidy a warning.
+    This runs all validators of usd-core, the rules of usd-validation-nvidia if that is installed, our own checks
+    (`checks`), and the scene reader for what it refuses. Problems that the public validators have with shaders for one
+    renderer, whose nodes they do not know, become infos; untidy things that every DCC reads become warnings.
 
     Args:
         path: the stage, or a folder that holds results.
 
     Returns:
-        Each problem once, those of the stage before those of the layers with results, errors first.
+        Each problem once: those of the stage before those of the layers with results, errors first in both.
 
     Raises:
         ValueError: there is no such file or folder.
     """
     register_schema()
     path = find_stage(path)
-    quiet = UsdUtils.CoalescingDiagnosticDelegate()  # what USD would print stands in the list
+    quiet = UsdUtils.CoalescingDiagnosticDelegate()  # the list contains what USD would print
     try:
         stage = Usd.Stage.Open(str(path))
         foreign = _for_one_renderer(stage)
         asked = [_eased(problem, foreign) for problem in (*_ask_usd(stage), *_ask_nvidia(path))]
         found = [replace(each, part=_part(each, stage, path)) for each in _once([*check_stage(stage), *asked])]
         problems = [*found, *_ask_reader(stage, path)]
-    except Tf.ErrorException as error:  # also while values are read, from a file that is damaged
+    except Tf.ErrorException as error:  # also raised while values of a damaged file are read
         return [Problem("error", str(path), usd_message(error.args[0]), "usd")]
     except UnicodeDecodeError:
         return [Problem("error", str(path), "its names are not UTF-8", "usd")]
@@ -65,7 +65,7 @@ def validate_stage(path: str | Path) -> list[Problem]:
 
 
 def _once(problems: Iterable[Problem]) -> Iterator[Problem]:
-    """What several validators find, as the first of them tells it."""
+    """Yields each problem once, as reported by the first validator that finds it."""
     told = {}
     for problem in problems:
         if told.setdefault(_subject(problem), problem.source) == problem.source:
@@ -73,7 +73,7 @@ def _once(problems: Iterable[Problem]) -> Iterator[Problem]:
 
 
 def _subject(problem: Problem) -> tuple[str, str]:
-    """Where a problem is and what it is about, the same for all validators that find it."""
+    """Returns where a problem is and what it is about, the same for all validators that find it."""
     for about, said in _OF_A_PRIM.items():
         if said.search(problem.message):
             return problem.where.partition(".")[0], about
@@ -83,10 +83,10 @@ def _subject(problem: Problem) -> tuple[str, str]:
 
 
 def _part(problem: Problem, stage: Usd.Stage, path: Path) -> str:
-    """Whose a problem is: that of the layer which has the prim's definition, the property's value, or the file."""
+    """Returns whose a problem is, from the layer with the prim's definition or the property's value, or the file."""
     if not path.with_name(f"{path.stem}{RESULTS_SUFFIX}").exists():
         return "stage"
-    where = problem.where.partition(" /")[0]  # of several places the first
+    where = problem.where.partition(" /")[0]  # the first of several places
     found = stage.GetObjectAtPath(where) if Sdf.Path.IsValidPathString(where) else None
     file = str(path) if where == "/" else where
     if found and where != "/":
@@ -105,7 +105,7 @@ def _ask_usd(stage: Usd.Stage) -> Iterator[Problem]:
 
 
 def _for_one_renderer(stage: Usd.Stage) -> set[str]:
-    """Paths, and source files, of shaders that lead only to outputs of their material for one renderer."""
+    """Returns paths and source files of the shaders that only feed outputs for one renderer."""
     names = set()
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         if prim.IsA(UsdShade.Material):
@@ -119,7 +119,7 @@ def _for_one_renderer(stage: Usd.Stage) -> set[str]:
 
 
 def _eased(problem: Problem, foreign: set[str]) -> Problem:
-    """A problem as it is, an info where it is with what only one renderer knows, or a warning where it is style."""
+    """Returns a problem as it is, as an info if it concerns one renderer's nodes, or as a warning if it is style."""
     parts = {place.partition(".")[0] for place in problem.where.split()}
     if parts & foreign or any(name.endswith(".mdl") and name in problem.message for name in foreign):
         return replace(problem, severity="info")
@@ -129,7 +129,7 @@ def _eased(problem: Problem, foreign: set[str]) -> Problem:
 
 
 def _upstream(output: UsdShade.Output) -> Iterator[Usd.Prim]:
-    """The prims of the shaders that an output is made of."""
+    """Yields the prims of all shaders that an output depends on."""
     found: dict[Usd.Prim, None] = {}
     waiting = [output]
     while waiting:

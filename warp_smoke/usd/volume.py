@@ -1,4 +1,4 @@
-"""Smoke as DCCs read it: a `.vdb` file for each frame, and a `UsdVol.Volume` prim that names them."""
+"""Smoke in the form that DCCs read: a `.vdb` file for each frame, and a `UsdVol.Volume` prim that names them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ from warp_smoke.vdb import Grid, write_vdb
 from warp_smoke.vdb.grid import FLOAT_MAX
 from warp_smoke.vdb.layout import LEAF
 
-# Names that Blender, Houdini and Karma know.
+# Grid names that Blender, Houdini and Karma recognize.
 GRID_NAMES = {"density": "density", "temperature": "temperature", "velocity": "vel", "light": "light"}
-# On a volume: the domain whose smoke it holds, for what no volume says itself, such as the extinction.
+# On a volume: the domain whose smoke it holds, for what a volume cannot express, such as the extinction.
 DOMAIN_RELATIONSHIP = "smokeVolume:domain"
-# Voxels that dim light by less than this are left out: along 100 of them that makes 0.0001.
+# Voxels that dim light by less than this are left out; 100 of them in a row would dim it by 0.0001.
 FAINTEST = 1e-6
-# Velocity is kept this far around the smoke [voxels], for motion blur to reach into.
+# Velocity is kept this far around the smoke [voxels], for motion blur.
 VELOCITY_MARGIN = 2
-# Air that differs from the ambient temperature by less than this share of the hottest (or coldest) is left out.
+# Air that departs from the ambient temperature by less than this fraction of the largest departure is left out.
 TEMPERATURE_SHARE = 1e-3
 
 
@@ -33,11 +33,11 @@ class VolumeResult(Record):
     """The volume files of one domain.
 
     Attributes:
-        domain: whose smoke it is.
-        lattice: where its voxels lie.
+        domain: the domain that holds the smoke.
+        lattice: the placement of its voxels.
         grids: fields in the files: density, temperature, velocity, light.
         files: path of each frame's `.vdb`, relative to the results layer (`./volumes/…`); frames without gaps, since
-            DCCs number them through.
+            DCCs count through them.
     """
 
     domain: SmokeDomain
@@ -61,20 +61,20 @@ def write_volume(
     light: np.ndarray | None = None,
     threads: int = 1,
 ) -> int:
-    """Writes one frame's smoke to a `.vdb` file, whole or not at all.
+    """Writes one frame's smoke to a `.vdb` file, completely or not at all.
 
     The file is in lattice space: voxel (i, j, k) has its centre at (i + ½, j + ½, k + ½) · voxel_size. Velocities are
-    along the lattice's axes in stage units for each second of the stage, since renderers turn them with the prim.
+    along the lattice's axes in stage units per second of the stage, since renderers rotate them with the prim.
 
     Args:
         path: the file; its folder must exist.
-        domain: gives density_scale, time_scale, extinction and ambient_temperature.
+        domain: for its density_scale, time_scale, extinction and ambient_temperature.
         lattice: the domain's cells.
         density: [nx, ny, nz] float32 at cell centres, or None to leave it out.
-        temperature: likewise.
+        temperature: [nx, ny, nz] float32 at cell centres, or None.
         velocity: [nx, ny, nz, 3] float32 at cell centres, along the lattice's axes [m/s], or None.
         light: [nx, ny, nz, 3] float32 at cell centres, linear RGB, black where there is no smoke, or None.
-        threads: threads that compress.
+        threads: number of threads for compression.
 
     Returns:
         Size of the file [bytes].
@@ -84,7 +84,7 @@ def write_volume(
     box, smoky = (slice(None),) * 3, None
     if density is not None:
         faintest = FAINTEST / (domain.extinction * lattice.h) if domain.extinction else 0.0
-        smoky = ~(density <= faintest)  # so that what is not finite is not left out in silence
+        smoky = ~(density <= faintest)  # NaN counts as smoke, so that it is not dropped silently
         box = _box_around(smoky, VELOCITY_MARGIN)
         smoky = smoky[box]
         scaled = density[box] * np.float32(domain.density_scale)
@@ -109,7 +109,7 @@ def write_volume(
 
 
 def _box_around(mask: np.ndarray, margin: int) -> tuple[slice, slice, slice]:
-    """The smallest box of whole leaves with all cells of the mask [nx, ny, nz], and those so far away, within it."""
+    """Returns the smallest box of whole leaves around the mask [nx, ny, nz] and a margin of cells around it."""
     in_i = mask.any(axis=(1, 2))
     in_jk = mask.any(axis=0)
     return tuple(_span(line, margin) for line in (in_i, in_jk.any(axis=1), in_jk.any(axis=0)))
@@ -127,7 +127,7 @@ def _first(box: tuple[slice, slice, slice]) -> tuple[int, int, int]:
 
 
 def _grown(mask: np.ndarray, cells: int) -> np.ndarray:
-    """The mask [nx, ny, nz] with every cell at most so many cells away along each axis added."""
+    """Returns the mask [nx, ny, nz] dilated by a number of cells along each axis."""
     for axis in range(3):
         along = np.moveaxis(mask, axis, 0)
         mask = mask.copy()
@@ -141,9 +141,9 @@ def _grown(mask: np.ndarray, cells: int) -> np.ndarray:
 def define_volume(stage: Usd.Stage, result: VolumeResult) -> UsdVol.Volume:
     """Authors the volume of a domain in the stage's edit target.
 
-    The domain's own prim is used where it is a Volume at rest, else `<Domain>_smoke` beside it (or beside the nearest
-    of its ancestors that stands still); a box that marks the domain is then no longer drawn. The lattice's place is
-    written relative to the parent: Blender ignores `!resetXformStack!`.
+    The domain's own prim is used if it is a Volume under a parent at rest, else a new `<Domain>_smoke` under the
+    nearest ancestor at rest; a box that marks the domain is then no longer drawn. The lattice's transform is written
+    relative to the parent, since Blender ignores `!resetXformStack!`.
     """
     domain = editable(stage, result.domain.path)
     parent = _resting_parent(domain)
@@ -187,7 +187,7 @@ def _define_field(volume: UsdVol.Volume, token: str, files: Mapping[int, str]) -
 
 
 def _resting_parent(prim: Usd.Prim) -> Usd.Prim:
-    """The nearest ancestor under which a volume can stand still: it and all above it neither move nor are gprims."""
+    """Returns the nearest ancestor at rest: neither it nor anything above it moves or is a gprim."""
     prefixes = prim.GetPath().GetParentPath().GetPrefixes()
     ancestors = map(prim.GetStage().GetPrimAtPath, prefixes)
     resting = list(takewhile(_rests, ancestors))

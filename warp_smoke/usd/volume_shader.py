@@ -1,9 +1,9 @@
-"""Materials for smoke, in the words of one renderer each: no shader of volumes is portable.
+"""Smoke materials for one renderer each, since there is no portable volume shader.
 
-Each dims light by the domain's extinction and scatters its albedo on, by the density grid alone. The layer
-`NAME.<renderer>.usda` holds them; the root layer names it first. Karma: `kma_volume` with MaterialX nodes that read the
-grid. Arnold: `standard_volume`. Omniverse RTX draws no `UsdVol.Volume`: it gets a box with `OmniVolumeDensity`, whose
-own space is that of the grid.
+Each dims light by the domain's extinction and scatters it by the albedo, both from the density grid alone. The layer
+`NAME.<renderer>.usda` holds the materials and is the root layer's strongest sublayer. Karma: `kma_volume` with
+MaterialX nodes that read the grid. Arnold: `standard_volume`. Omniverse RTX does not draw a `UsdVol.Volume`, so it gets
+a box with `OmniVolumeDensity`, whose local space is the grid's.
 """
 
 from collections.abc import Callable
@@ -27,18 +27,18 @@ _BOX_NORMALS = ((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0,
 
 @usd_kept_quiet()
 def write_volume_shader(root: Path, scene: Scene, renderer: str) -> Path:
-    """Writes materials for all smoke of a run's results into a layer of their own, and names it in the root layer.
+    """Writes materials for all the smoke in a run's results into a separate layer, and adds it to the root layer.
 
     Args:
         root: the root layer of the results.
-        scene: what was run.
+        scene: the scene that was run.
         renderer: one of `VOLUME_SHADERS`.
 
     Returns:
         The layer's path.
 
     Raises:
-        ValueError: the renderer is another one.
+        ValueError: the renderer is not one of these.
         OSError: a layer cannot be written.
     """
     define = VOLUME_SHADERS[one_of("run", "volume shader", renderer, tuple(VOLUME_SHADERS))]
@@ -64,12 +64,12 @@ def write_volume_shader(root: Path, scene: Scene, renderer: str) -> Path:
 
 
 def _coefficients(domain: SmokeDomain, meters_per_unit: float) -> np.ndarray:
-    """What a density of 1 in the file takes from red, green and blue light [1/stage unit]."""
+    """Returns the extinction coefficients of red, green and blue at density 1 in the file [1/stage unit]."""
     return np.multiply(domain.extinction_color, domain.extinction / domain.density_scale * meters_per_unit)
 
 
 def _define_karma(volume: UsdVol.Volume, domain: SmokeDomain, meters_per_unit: float) -> None:
-    """σ_s = albedo · σ · density, σ_a = (1 − albedo) · σ · density."""
+    """Defines σ_s = albedo · σ · density and σ_a = (1 − albedo) · σ · density."""
     prim = volume.GetPrim()
     material = define_material(prim, f"{prim.GetName()}_karma")
     grid = define_shader(material, "density", "ND_geompropvalue_float")
@@ -87,7 +87,7 @@ def _define_karma(volume: UsdVol.Volume, domain: SmokeDomain, meters_per_unit: f
 
 
 def _define_arnold(volume: UsdVol.Volume, domain: SmokeDomain, meters_per_unit: float) -> None:
-    """One density for all colours, since `standard_volume` knows no other: the mean."""
+    """Defines one density for all colours, their mean, since `standard_volume` has no other."""
     prim = volume.GetPrim()
     material = define_material(prim, f"{prim.GetName()}_arnold")
     smoke = define_shader(material, "Smoke", "arnold:standard_volume")
@@ -101,7 +101,7 @@ def _define_arnold(volume: UsdVol.Volume, domain: SmokeDomain, meters_per_unit: 
 
 
 def _define_omniverse(volume: UsdVol.Volume, domain: SmokeDomain, meters_per_unit: float) -> None:
-    """A box around the grid, in the grid's own space, that reads the files by itself."""
+    """Defines a box around the grid, in the grid's local space, whose material reads the files itself."""
     prim = volume.GetPrim()
     stage = prim.GetStage()
     material = define_material(prim, f"{prim.GetName()}_omniverse")

@@ -1,4 +1,4 @@
-"""The stage that a run leaves behind: a root layer over a layer of results over the user's own stage."""
+"""Writing of the finished stage: a root layer over a layer of results over the user's own stage."""
 
 import errno
 import os
@@ -16,7 +16,7 @@ from warp_smoke.usd.material import BakeResult, DepthMapResult, VertexBakeResult
 from warp_smoke.usd.quiet import usd_kept_quiet
 from warp_smoke.usd.volume import VolumeResult, define_volume
 
-# What USD reads from a stage's root layer alone, so that it would be lost under a new one.
+# Metadata that USD reads only from a stage's root layer, and would lose under a new one.
 _ROOT_METADATA = (
     "defaultPrim",
     "upAxis",
@@ -41,17 +41,17 @@ def write_results(
 ) -> Path:
     """Writes the layers that join the files of a run to the user's stage.
 
-    `name.usda`, the stage to open, sublayers `name.results.usdc` over the user's stage, which stays as it is. A scene
-    made in Python is first written as `name.scene.usdc`. Equal results give equal bytes, and no layer is ever seen
-    half written.
+    `name.usda`, the stage to open, sublayers `name.results.usdc` over the user's stage, which is not changed. A scene
+    made in Python is first written as `name.scene.usdc`. Equal results give equal bytes, and no half-written layer is
+    ever visible.
 
     Args:
-        folder: holds the layers, and the files that volumes and bakes name relative to it.
-        name: of the layers.
-        scene: what was run.
+        folder: the folder for the layers, to which the files of volumes and bakes are relative.
+        name: base name of the layers.
+        scene: the scene that was run.
         volumes: one for each domain.
-        bakes: one for each picture of a receiver, or shadow map for it.
-        procedurals: by path of a material, its computed picture (`./textures/…`), which becomes its diffuse colour.
+        bakes: one for each bake or shadow map of a receiver.
+        procedurals: material path → its procedural picture (`./textures/…`), which becomes its diffuse colour.
 
     Returns:
         Path of the root layer.
@@ -95,7 +95,7 @@ def write_results(
 
 @contextmanager
 def replacing_layer(path: Path) -> Iterator[Path]:
-    """Like `replacing`, for USD's writers; stages that are open in this process then show the new layer.
+    """Like `replacing`, for USD's writers; stages that are open in this process are updated to the new layer.
 
     Raises:
         OSError: USD could not write the file.
@@ -111,18 +111,18 @@ def replacing_layer(path: Path) -> Iterator[Path]:
 
 
 def set_metadata(layer: Sdf.Layer, source: Sdf.Layer, scene: Scene) -> None:
-    """Copies what the source's root layer says of the stage; its axis, unit and times are the scene's if unset."""
+    """Copies a root layer's metadata to another; up axis and unit are the scene's if unset, the frames always are."""
     layer.pseudoRoot.SetInfo("upAxis", scene.up_axis)
     layer.pseudoRoot.SetInfo("metersPerUnit", scene.meters_per_unit)
     for key in _ROOT_METADATA:
         if source.pseudoRoot.HasInfo(key):
             layer.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
-    # The frames that were run, which may be others than the source's.
+    # The frames that were run, which may differ from the source's.
     layer.startTimeCode, layer.endTimeCode = scene.start, scene.end
     layer.timeCodesPerSecond = source.timeCodesPerSecond
 
 
 def _relative(path: Path, folder: Path) -> str:
-    """The path relative to the folder, as USD wants it: with / and a leading dot."""
+    """Returns the path relative to the folder in USD's form: with slashes and a leading dot."""
     relative = Path(os.path.relpath(path.absolute(), folder.absolute())).as_posix()
     return relative if relative.startswith("../") else f"./{relative}"
