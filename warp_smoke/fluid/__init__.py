@@ -1,1 +1,1 @@
-"""Stable-fluids smoke on a staggered grid: one concept a file, joined by `solver.py`."""
+"""Stable-fluids smoke on a staggered grid: one concept per file, joined by `solver.py`."""

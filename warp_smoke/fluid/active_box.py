@@ -1,9 +1,9 @@
-"""The active box: the part of a domain in which smoke and air are carried along.
+"""The active box: the part of a domain in which smoke and air are advected.
 
-Scalars are ambient outside of the smoke, so nothing is lost where they are not carried. Air that is far from the smoke
-and slow next to the fastest flows without swirls, u = ∇φ; there advection changes velocity by the gradient ∇½|u|²,
-which the pressure takes out again, so it may be left out. Forces and pressure act in the whole domain: pressure reaches
-far, and closing it off at a box around the smoke would change the flow inside.
+Scalars are ambient outside the smoke, so nothing is lost where they are not advected. Air that is far from the smoke
+and slow relative to the fastest flow is irrotational, u = ∇φ; there advection changes velocity by the gradient ∇½|u|²,
+which the pressure projection removes again, so it may be skipped. Forces and pressure act in the entire domain:
+pressure reaches far, and closing it off at a box around the smoke would change the flow inside.
 """
 
 from collections.abc import Sequence
@@ -15,17 +15,17 @@ from warp_smoke.fluid.grid import Box, hull
 from warp_smoke.record import each_value
 from warp_smoke.scene import ArrayEmitter, Emitter
 
-# Air that is faster than this share of the fastest always moves along.
+# Air faster than this share of the fastest is always advected.
 FAST = 0.2
-# Cells that the box reaches beyond smoke and fast air: at least, and as a share of their smallest extent.
+# Margin of the box around smoke and fast air: a least number of cells, and a share of their smallest extent.
 _LEAST_MARGIN, _MARGIN = 4, 0.75
-# Cells that samples reach beyond the end of their trace.
+# Cells that interpolation reaches beyond the end of a trace.
 _STENCIL = 2
 _ALIGNMENT = 8
 
 
 def typical_amounts(emitters: Sequence[Emitter | ArrayEmitter], ambient: float) -> tuple[float, float]:
-    """The largest density that emitters give, and departure from ambient temperature; inf if arrays may give any."""
+    """Returns the largest density and departure from ambient temperature of emitters; inf if arrays may emit any."""
     if any(isinstance(each, ArrayEmitter) for each in emitters):
         return inf, inf
     density = max(float(np.max(each_value(each.density))) for each in emitters)
@@ -39,14 +39,14 @@ def fit_boxes(
     shape: tuple[int, int, int],
     periodic: tuple[bool, bool, bool] = (False, False, False),
 ) -> tuple[Box, Box]:
-    """The cells in which velocity is carried, and those in which scalars are.
+    """Returns the cells in which velocity is advected, and those in which scalars are.
 
     Args:
         smoke: cells that hold smoke or heat, or None.
         fast: cells with fast air, or None.
-        courant: cells that anything moves in the step, at most.
+        courant: most cells that anything moves in the step.
         shape: cells of the domain along each axis (nx, ny, nz).
-        periodic: axes along which a box that leaves the domain comes in again; there it is the whole axis.
+        periodic: which axes are periodic; a box that would cross the ends of such an axis covers all of it.
     """
     empty = Box((0, 0, 0), (0, 0, 0))
     core = hull((smoke, fast))
@@ -59,7 +59,7 @@ def fit_boxes(
 
 
 def _grow(box: Box, cells: int, shape: tuple[int, int, int], periodic: tuple[bool, bool, bool]) -> Box:
-    """The box with so many cells added on each side, and then up to whole multiples of the alignment."""
+    """Grows a box by a number of cells on each side, and then to multiples of the alignment."""
     lower, upper = [], []
     for low, high, n, again in zip(*box, shape, periodic, strict=True):
         wraps = again and (low < cells or high + cells > n)

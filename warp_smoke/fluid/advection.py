@@ -1,11 +1,11 @@
-"""Advection: each field carried along the traces of a step.
+"""Advection: each field is carried along the traces of a step.
 
 J. Stam, *Stable Fluids*, 1999: the semi-Lagrangian scheme, which the others build on.
 
-Density and temperature that come in through an open side have ambient values: beyond it lies one layer of ambient
-cells. Velocity there is that of the wind or, without wind, goes on as on the side. Through a closed side nothing comes:
-traces end on it, and between it and the first cell centre a field is constant. A periodic side has no end: ghost cells
-go on as the other end of the domain (`periodic_advection.py`).
+Density and temperature that enter through an open side have ambient values: one layer of ambient cells lies beyond it.
+Velocity there is the wind's or, without wind, the same as on the side. Nothing enters through a closed side: traces end
+on it, and between it and the first cell centre a field is constant. Beyond a periodic side, ghost cells repeat the
+other end of the domain (`periodic_advection.py`).
 """
 
 from math import inf, sqrt
@@ -28,9 +28,9 @@ wp.set_module_options({"enable_backward": False})
 def end_of_trace(
     block: Block, d: Displacement, i: int, j: int, k: int, a: wp.array3d[float], lower: wp.vec3, upper: wp.vec3
 ):
-    """Where the trace of sample (i, j, k) ends among the samples of a, and how much of that lies inside of them.
+    """Returns where the trace of sample (i, j, k) ends, in sample indices of a, and the weight of a as against ambient.
 
-    The displacement is the mean of those in the cells beside the sample; the end is kept within [lower, upper].
+    The displacement is the mean of the adjacent cells' displacements; the end is clamped to [lower, upper].
     """
     x0 = beside(d.x, block.before)
     y0 = beside(d.y, block.before)
@@ -45,11 +45,11 @@ def end_of_trace(
 
 
 def sampling_kernel(interpolate: wp.Function, module: str) -> wp.Kernel:
-    """Makes the semi-Lagrangian kernel for a way to interpolate.
+    """Makes the semi-Lagrangian kernel for an interpolation function.
 
     Args:
-        interpolate: gives the value of a field at a place by (a, x, y, z), in sample indices within those of a.
-        module: that the kernel is compiled with.
+        interpolate: (a, x, y, z) → value of field a at (x, y, z), in sample indices of a and within its range.
+        module: name of the module that the kernel is compiled with.
     """
 
     @wp.kernel(name="sample_back", module=wp.get_module(module))
@@ -63,7 +63,7 @@ def sampling_kernel(interpolate: wp.Function, module: str) -> wp.Kernel:
         ambient: float,
         a_out: wp.array3d[float],
     ):
-        """Semi-Lagrangian: a_out(x) = a(x + d); one sample outside of a there is ambient."""
+        """Semi-Lagrangian: a_out(x) = a(x + d); one sample outside a, the value is ambient."""
         i, j, c = wp.tid()
         i += rows.first + block.first[0]
         j += block.first[1]
@@ -112,11 +112,11 @@ class SemiLagrangian:
 
         Args:
             launcher: where it runs.
-            shape: cells along each axis (nx, ny, nz), ghosts among them.
+            shape: cells along each axis (nx, ny, nz), including ghost cells.
             sides: open or closed for each of -x +x -y +y -z +z.
-            boundary: of the colliders, or None.
+            boundary: boundary of the colliders, or None.
             trace: one of `TRACES`.
-            layers: of ghost cells at both ends of each axis.
+            layers: layers of ghost cells at both ends of each axis.
         """
         self._launcher, self._boundary, self._scheme = launcher, boundary, trace
         self._trace_limits = trace_limits(shape, sides)
@@ -128,11 +128,11 @@ class SemiLagrangian:
         self._spare = {samples: launcher.zeros(samples.shape, "advection") for samples in (self._cells, *self._faces)}
 
     def activate(self, air: Box, smoke: Box) -> None:
-        """Carries velocity in one box and scalars in another inside of it; elsewhere they stay as they are.
+        """Limits advection of velocity to one box and of scalars to another inside it; elsewhere fields are unchanged.
 
         Args:
-            air: cells in which velocity is carried.
-            smoke: cells in which scalars are.
+            air: cells in which velocity is advected.
+            smoke: cells in which scalars are advected.
         """
         self._cells.activate(smoke)
         if air != self._air:
@@ -144,12 +144,12 @@ class SemiLagrangian:
                     along.zero_()
 
     def trace(self, velocity: tuple, step: float, courant: float = inf) -> None:
-        """Traces through one step; what is advected next follows these traces.
+        """Traces back through one step; the fields advected next follow these traces.
 
         Args:
-            velocity: u, v, w on faces [m/s], changed inside of solids.
+            velocity: u, v, w on faces [m/s], changed inside solids.
             step: dt / h [s/m].
-            courant: cells that air moves in the step, at most.
+            courant: most cells that air moves in the step.
         """
         if self._boundary:
             self._boundary.follow(courant)
@@ -162,15 +162,15 @@ class SemiLagrangian:
         trace_back(self._launcher, self._scheme, self._traced, velocity, step, self._trace_limits, self._back)
 
     def _ways(self) -> tuple[Displacement, Displacement]:
-        """Displacements backwards and ahead, which may be the same: those that samples are taken at."""
+        """Returns the displacements backward and forward at which fields are sampled; they may be the same."""
         return self._back, self._back
 
     def advect_velocity(self, velocity: tuple, wind: tuple[float, float, float] | None = None) -> tuple:
-        """Carries u, v, w; returns them, in other arrays or the given ones, and keeps the others for the next time.
+        """Advects u, v, w; returns them, in the given arrays or in spare ones for which it then keeps the given ones.
 
         Args:
             velocity: u, v, w on faces [m/s].
-            wind: velocity beyond open sides, along the lattice's axes [m/s]; None = it goes on as on the side.
+            wind: velocity beyond open sides, along the lattice's axes [m/s]; None = the same as on the side.
         """
         if wind is None:
             return tuple(
@@ -183,18 +183,18 @@ class SemiLagrangian:
         )
 
     def advect_scalar(self, scalar: wp.array, ambient: float) -> wp.array:
-        """Carries a field of the cells; returns it, in another array or the given one, and keeps the other.
+        """Advects a cell-centred field; returns it, in the given array or in a spare one like `advect_velocity`.
 
         Args:
             scalar: [nx, ny, nz].
-            ambient: its value outside of open sides.
+            ambient: its value outside open sides.
         """
         return self._advect(self._cells, scalar, self._cells.limits, ambient)
 
     def _advect(self, samples: Samples, field: wp.array, limits: tuple, ambient: float) -> wp.array:
         # Faces on closed sides are never written: they are 0 in the field and in the spare array.
         new = self._spare[samples]
-        if samples.few:  # then it is less to copy them back than to copy the others
+        if samples.few:  # then copying these back is cheaper than copying the rest
             self._carry(samples, field, limits, ambient, new)
             copy_samples(self._launcher, [samples.alone], new, field)
             self._continue(samples, field, field)
@@ -220,13 +220,13 @@ class SemiLagrangian:
 
 
 def limit_energy(launcher: Launcher, velocity: tuple, energy: float, most: float) -> None:
-    """Slows the whole flow down if it has more kinetic energy than it may have: advection does no work.
+    """Scales the velocity down if its kinetic energy exceeds a limit: advection does no work.
 
     Args:
         launcher: where it runs.
         velocity: u, v, w on faces [m/s], changed.
         energy: kinetic energy of the velocity [m²/s²].
-        most: that it may have [m²/s²].
+        most: limit of the kinetic energy [m²/s²].
     """
     if energy > most:
         for component in velocity:

@@ -1,7 +1,7 @@
-"""Emitters from arrays: what is held or added in each cell of the domain, without a shape to place.
+"""Emitters from arrays: values held or added in each cell of the domain, without a shape to voxelize.
 
-They follow the rules of `warp_smoke.fluid.emitters`: values are held where they depart further from ambient than what
-is there, velocities where the air is slower that way.
+They follow the rules of `warp_smoke.fluid.emitters`: a value is held where it is further from ambient than the field,
+a velocity where the air moves more slowly in its direction.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.kernel
 def _hold_cells(rows: Rows, values: wp.array3d[float], ambient: float, a_inout: wp.array3d[float]):
-    """Hold: a = the value where that departs further from ambient."""
+    """Hold: a = the value where it is further from ambient than a."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
@@ -45,7 +45,7 @@ def _add_cells(rows: Rows, values: wp.array3d[float], factor: float, a_inout: wp
 
 @wp.kernel
 def _push_cells(rows: Rows, faces: Block, values: wp.array4d[float], axis: int, u_inout: wp.array3d[float]):
-    """Hold: u = mean of the values beside a face, along its axis, where that is farther on in its own direction."""
+    """Hold: u = mean of the two cells' values along the face's axis, unless u is at least as fast in that direction."""
     i, j, c = wp.tid()
     i += rows.first + faces.first[0]
     j += faces.first[1]
@@ -61,7 +61,7 @@ def _push_cells(rows: Rows, faces: Block, values: wp.array4d[float], axis: int, 
 
 
 class ArraySource:
-    """One emitter from arrays at work in a domain; offers what `Source` does.
+    """One emitter from arrays acting in a domain; same interface as `Source`.
 
     Attributes:
         pushes: whether it gives the air a velocity.
@@ -71,15 +71,15 @@ class ArraySource:
     turbulence = 0.0
 
     def __init__(self, launcher: Launcher, lattice: Lattice, emitter: ArrayEmitter):
-        """Takes in the arrays; copies those that are not on the device.
+        """Takes the arrays; copies NumPy arrays to the device.
 
         Args:
             launcher: where it runs.
             lattice: cells of the domain.
-            emitter: what emits.
+            emitter: the emitter.
 
         Raises:
-            FieldError: an array of a device is not a contiguous float32 one on the launcher's.
+            FieldError: an array that is not NumPy's is not a contiguous float32 Warp array on the launcher's device.
         """
         self._launcher, self._emitter = launcher, emitter
         self._fields = {name: self._take_in(name, values) for name, values in emitter.fields.items()}
@@ -100,7 +100,7 @@ class ArraySource:
         return values
 
     def sweep(self, start: float, end: float, dt: float) -> list[Interval]:
-        """The step, divided where the rate changes its course; arguments as for `Source.sweep`."""
+        """Divides a step at the samples of the rate; arguments as for `Source.sweep`."""
         emitter = self._emitter
         return divide(start, end, dt, 1, () if emitter.rate is None else (emitter.rate, emitter.enabled))
 

@@ -1,6 +1,6 @@
 """Solids from arrays: cells at whose centres the signed distance is not positive.
 
-One that moves pushes air along its surface normal at the speed that follows from the distance φ: u = −φ_t ∇φ / |∇φ|²
+A moving solid pushes air along its surface normal with the velocity that follows from φ: u = −φ_t ∇φ / |∇φ|²
 (S. Osher, J. A. Sethian, *Fronts Propagating with Curvature-Dependent Speed*, 1988).
 """
 
@@ -15,14 +15,14 @@ from warp_smoke.scene import ArrayCollider
 
 
 class ArrayWalls:
-    """One collider from an array; offers what `MeshWalls` does.
+    """One collider from an array; same interface as `MeshWalls`.
 
     Attributes:
-        moves: whether it ever does.
-        lower, shape: first cell and cells of the box around the solid cells; (0, 0, 0) where there are none.
+        moves: whether it ever moves.
+        lower, shape: first cell and shape of the box around the solid cells; (0, 0, 0) if there are none.
         fraction: 1 in solid cells of the box, else 0, [*shape].
-        crossed: empty, for no surface is known between cells.
-        friction: of the surface, 0 to 1.
+        crossed: empty, since no surface is known between cells.
+        friction: friction of the surface, 0 to 1.
     """
 
     crossed = ()
@@ -33,15 +33,15 @@ class ArrayWalls:
         Args:
             launcher: where it runs.
             lattice: cells of the domain.
-            collider: has the distance.
+            collider: provides the signed distance.
         """
         self._lattice, self._collider, self.friction = lattice, collider, collider.friction
         self.moves, self.lower, self.shape, self.fraction = collider.moves, (0, 0, 0), (0, 0, 0), None
         self._storage = launcher.zeros(lattice.cells, "colliders")
-        self._last = None  # distance and its change in a second, of the last update
+        self._last = None  # distance and its rate of change at the last update
 
     def update(self, start: float, end: float, seconds: float) -> bool:
-        """Takes in the distance at `end`; arguments and result as for `LatticeMesh.update`."""
+        """Takes the distance at `end`; arguments and result as for `LatticeMesh.update`."""
         if self._last is not None and not self.moves:
             return False
         distance = value_at(self._collider.solid, end)
@@ -66,7 +66,7 @@ class ArrayWalls:
         self.fraction.assign(box)
 
     def travel(self, start: float, end: float) -> float:
-        """How far the surface lies from where it was, by the largest change of its distance [cells]."""
+        """Returns how far the surface moves, taken as the largest change of the distance [cells]."""
         if not self.moves or start == end:
             return 0.0
         was, now = (value_at(self._collider.solid, time) for time in (start, end))
@@ -83,7 +83,7 @@ class ArrayWalls:
             component.assign(np.where(beside, moves, component.numpy()).astype(np.float32))
 
     def pull(self, greatest: tuple[wp.array, wp.array, wp.array], pull: Pull) -> None:
-        """Notes how the solid pulls air along; arguments as for `MeshWalls.pull`."""
+        """Stores how the solid drags air along; arguments as for `MeshWalls.pull`."""
         speed = self._surface_velocity()
         for (own, axis), faces in pull.items():
             beside, moves = self._at_faces(axis, speed[own])
@@ -91,14 +91,14 @@ class ArrayWalls:
             faces.assign(np.where(pulls, self.friction * moves, faces.numpy()).astype(np.float32))
 
     def _surface_velocity(self) -> np.ndarray:
-        """The velocity of the surface through each cell, along its normal, [3, nx, ny, nz] [m/s]."""
+        """Returns the normal velocity of the level set through each cell centre, [3, nx, ny, nz] [m/s]."""
         distance, change = (each.astype(np.float64) for each in self._last)
         gradient = _gradient(distance, self._lattice.h)
         square = (gradient**2).sum(axis=0)
         return np.divide(-change, square, out=np.zeros_like(change), where=square > 0.0) * gradient
 
     def _at_faces(self, axis: int, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which faces across an axis have a solid cell beside them, and the mean of cells' values there."""
+        """Returns which faces across an axis are adjacent to a solid cell, and the mean of the cells' values there."""
         ends = ((1, 1), (0, 0), (0, 0))
         solid = np.pad(np.moveaxis(self._last[0] <= 0.0, axis, 0), ends)
         padded = np.pad(np.moveaxis(values, axis, 0), ends, mode="edge")
@@ -106,9 +106,9 @@ class ArrayWalls:
         return np.moveaxis(beside, 0, axis), np.moveaxis(mean, 0, axis)
 
     def sweep(self, seconds: float, held: wp.array) -> None:
-        """Marks nothing: the surface passes over no cell that is not solid before or after."""
+        """Marks nothing: the surface passes over no cell that is not solid before or after the step."""
 
 
 def _gradient(a: np.ndarray, h: float) -> np.ndarray:
-    """∇a at cell centres, [3, nx, ny, nz]; 0 along an axis of one cell."""
+    """Returns ∇a at cell centres, [3, nx, ny, nz]; 0 along an axis of one cell."""
     return np.stack([np.gradient(a, h, axis=axis) if a.shape[axis] > 1 else np.zeros_like(a) for axis in range(3)])

@@ -1,4 +1,4 @@
-"""Back and forth error compensation and correction, kept within the range of the cell that the trace began in.
+"""Back and forth error compensation and correction, limited to the range of the cell at the start of the trace.
 
 T. F. Dupont, Y. Liu, *Back and Forth Error Compensation and Correction Methods*, 2003; B. Kim, Y. Liu, I. Llamas,
 J. Rossignac, *FlowFixer: Using BFECC for Fluid Simulation*, 2005.
@@ -53,7 +53,7 @@ def compensated(
     lower: wp.vec3,
     upper: wp.vec3,
 ):
-    """BFECC: a(x + d), a the compensated field."""
+    """BFECC: a(x + d), where a is the compensated field."""
     x, y, z, _ = end_of_trace(block, d, i, j, k, a, lower, upper)
     return sample(a, x, y, z)
 
@@ -62,7 +62,7 @@ _clamped, _reverted = (limited_kernel(compensated, limit, __name__) for limit in
 
 
 class Bfecc(MacCormack):
-    """Order 2: the field less half of the error that shows when it is carried there and back is what is carried.
+    """Order 2: advects the field after subtracting half the error of advecting it forth and back.
 
     The result is limited as by `MacCormack`: scalars are clamped, velocity falls back to the first-order guess.
     """
@@ -70,7 +70,7 @@ class Bfecc(MacCormack):
     def __init__(self, launcher: Launcher, *args, **options):
         """Allocates; arguments as for `SemiLagrangian`."""
         super().__init__(launcher, *args, **options)
-        # Not shared: faces on closed sides are never written, and have to stay 0.
+        # Not shared: faces on closed sides are never written and must stay 0.
         self._better = {samples: launcher.zeros(samples.shape, "advection") for samples in self._spare}
 
     def _correct(self, samples, field: wp.array, limits: tuple, new: wp.array) -> None:

@@ -1,4 +1,4 @@
-"""The forces on the air of a domain: vorticity confinement, buoyancy and turbulence, those that the plan calls for."""
+"""The forces on the air of a domain that the plan calls for: vorticity confinement, buoyancy and turbulence."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -33,9 +33,9 @@ class BodyForces:
         Args:
             launcher: where it runs.
             plan: the domain, its lattice and what runs in it.
-            timings: takes the time of each pass.
-            measures: of the same lattice.
-            sources: the emitters, of which some may stir the air.
+            timings: records the time of each pass.
+            measures: measures on the same lattice.
+            sources: the emitters, some of which may stir the air.
         """
         self._timings, self._domain, lattice = timings, plan.domain, plan.lattice
         self._buoyancy = self._turbulence = self._confinement = None
@@ -52,16 +52,16 @@ class BodyForces:
         """Adds dt times each force to the velocity.
 
         Args:
-            state: of the smoke, its velocity changed.
+            state: state of the smoke; its velocity is changed.
             start: time code.
             end: time code.
-            dt: seconds of smoke between them [s].
+            dt: simulated time between them [s].
 
         Returns:
-            The share of the confinement that its cap let through.
+            The share of the confinement that its cap allowed.
         """
         share = 1.0
-        if self._confinement:  # before buoyancy moves faces of solids: its cap counts them
+        if self._confinement:  # before buoyancy changes faces of solids, which its cap counts
             with self._timings.measure("confine_vorticity"):
                 share = self._confinement.add(state.velocity, self._domain.vorticity, dt, state.energy_lost)
         if self._buoyancy:
@@ -89,11 +89,11 @@ class BodyForces:
                 self._turbulence.add_inside(source, state.velocity, source.turbulence, dt)
 
     def acceleration(self, density: float, temperature: float) -> float:
-        """The largest acceleration by buoyancy and turbulence, or a little more [m/s²].
+        """Returns an upper bound of the acceleration by buoyancy and turbulence [m/s²].
 
         Args:
-            density: largest one.
-            temperature: largest departure from ambient.
+            density: largest density.
+            temperature: largest departure from ambient temperature.
         """
         domain, acceleration = self._domain, 0.0
         if self._buoyancy:

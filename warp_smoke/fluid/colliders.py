@@ -20,22 +20,22 @@ from warp_smoke.scene import ArrayCollider, Collider
 class Solids:
     """All colliders of a domain.
 
-    A cell is fluid or solid: solid where a mesh, grown by its thickness, fills half of it. A face is closed where a
-    cell beside it is solid, and where a surface passes between the two cells' centres: so walls thinner than a cell
-    close too. Where solids meet, those that move win, and among them the later.
+    A cell is solid where a mesh, expanded by its thickness, fills half of it, else fluid. A face is closed if one of
+    its two cells is solid, or if a surface passes between their centres, so that walls thinner than a cell also
+    close. Where solids meet, moving ones win, and among them the last one.
 
     Attributes:
         fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz].
-        held: 1 in cells of fluid that were so before the last update, and that no surface passed over in it: what is
-            in them is still on the same side of every wall; [nx, ny, nz].
+        held: 1 in fluid cells that were fluid before the last update and that no surface passed over in it: their
+            content is still on the same side of every wall; [nx, ny, nz].
         wx, wy, wz: open share of each face, 0 or 1: 0 at and in solids and on closed sides of the domain;
             [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1].
-        friction: of the closed faces across x, y and z, 0 on open ones; None if no collider has any.
+        friction: friction of closed faces across x, y and z, 0 on open ones; None if no collider has any.
         pull: friction times the velocity of the wall along axis a on faces across axis b, by (a, b) [m/s]; None if no
             collider with friction ever moves.
         velocity: u, v, w of the solids on faces that are not open [m/s]; None if no collider ever moves.
-        box: cells around all that are solid, were so before the last update, or have a face that a surface crosses;
-            None if there are none.
+        box: box around all cells that are solid, were solid before the last update, or have a face that a surface
+            crosses; None if there are none.
         changes: how often the arrays were filled.
     """
 
@@ -45,7 +45,7 @@ class Solids:
         Args:
             launcher: where it runs.
             lattice: cells of the domain.
-            colliders: the meshes, whose thickness is in voxels, and arrays.
+            colliders: meshes, with their thickness in voxels, and arrays.
         """
         self._launcher, self._lattice = launcher, lattice
         walls = []
@@ -73,17 +73,17 @@ class Solids:
         self.box = self._filled = None
 
     def max_speed(self, start: float, end: float, seconds: float) -> float:
-        """Largest speed of any point of the colliders between two time codes, or a little more [m/s]."""
+        """Returns an upper bound of the speed of any point of the colliders between two time codes [m/s]."""
         farthest = max((each.travel(start, end) for each in self._walls), default=0.0)
         return farthest * self._lattice.h / seconds if farthest else 0.0
 
     def update(self, start: float, end: float, seconds: float) -> None:
-        """Moves the solids to where they stand at `end`; does nothing if they stand there already.
+        """Moves the solids to their positions at `end`; does nothing if they are there already.
 
         Args:
-            start: time code that their velocity is measured from.
+            start: time code from which their velocity is measured.
             end: time code; solids are at rest if it equals `start`.
-            seconds: of smoke between them [s].
+            seconds: simulated time between them [s].
         """
         if self.velocity is not None:
             wp.copy(self.held, self.fluid)

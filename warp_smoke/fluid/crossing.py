@@ -1,9 +1,8 @@
-"""Where the surface of a mesh passes between cells: the faces that it crosses, and the cells on its inner side.
+"""The faces that the surface of a mesh crosses, and the cells inside it.
 
-A face is crossed where the segment between the centres on either side of it meets the surface. A path from cell to
-cell through faces that are not crossed never meets the surface: so a closed surface keeps what is on its two sides
-apart, however thin the body is (6-separating voxelisation: D. Cohen-Or, A. Kaufman, *Fundamentals of Surface
-Voxelization*, 1995).
+A face is crossed if the segment between the cell centres on either side of it meets the surface. A path from cell to
+cell through uncrossed faces never meets the surface, so a closed surface separates its two sides however thin the body
+is (6-separating voxelisation: D. Cohen-Or, A. Kaufman, *Fundamentals of Surface Voxelization*, 1995).
 """
 
 import warp as wp
@@ -13,7 +12,7 @@ from warp_smoke.launch import Launcher, Rows
 
 wp.set_module_options({"enable_backward": False})
 
-# A surface this close to a centre counts as on either side of it [cells]: more than the round-off of places in cells.
+# A surface this close to a centre counts as being on both sides of it [cells]: more than the round-off of coordinates.
 TOLERANCE = wp.constant(1e-3)
 # Half a cell; a little less, so that a surface through the centres is solid whatever the round-off.
 SOLID_FRACTION = wp.constant(0.499)
@@ -21,19 +20,19 @@ SOLID_FRACTION = wp.constant(0.499)
 
 @wp.func
 def along(axis: int, n: int, a: int, b: int):
-    """Cell (i, j, k) that is number n along an axis, and a and b along the other two."""
+    """Returns the cell (i, j, k) with index n along an axis, and a and b along the other two."""
     return wp.where(axis == 0, wp.vec3i(n, a, b), wp.where(axis == 1, wp.vec3i(a, n, b), wp.vec3i(a, b, n)))
 
 
 @wp.func
 def to_float(x: wp.vec3i):
-    """The same vector as floats."""
+    """Returns the same vector as floats."""
     return wp.vec3(float(x[0]), float(x[1]), float(x[2]))
 
 
 @wp.func
 def is_solid(fraction: wp.array3d[float], x: wp.vec3i):
-    """Whether a cell is half filled; not so outside of the box."""
+    """Returns whether a cell is at least half filled; false outside the box."""
     solid = wp.bool(False)
     if wp.min(x) >= 0 and x[0] < fraction.shape[0] and x[1] < fraction.shape[1] and x[2] < fraction.shape[2]:
         solid = fraction[x[0], x[1], x[2]] >= SOLID_FRACTION
@@ -50,9 +49,9 @@ def _cross_faces(
     crossed_out: wp.array3d[float],
     speed_out: wp.array3d[float],
 ):
-    """Crossing: 1 where the segment between the centres beside a face meets the surface; speed = the surface's there.
+    """Crossing: 1 where the segment between the two centres at a face meets the surface; speed = the surface's there.
 
-    Runs go along the axis; a ray follows each.
+    Runs go along the axis; a ray is traced along each.
     """
     a, b, c = wp.tid()
     a += rows.first
@@ -68,7 +67,7 @@ def _cross_faces(
         last = end
         velocity = wp.vec3(0.0, 0.0, 0.0)
         if query.result:
-            # A surface through a centre lies between it and both of its neighbours.
+            # A surface through a centre counts as between it and both of its neighbours.
             way += query.t
             first = wp.clamp(int(wp.floor(way - TOLERANCE)), n, end)
             last = wp.clamp(int(wp.floor(way + TOLERANCE)) + 1, n + 1, end)
@@ -109,8 +108,8 @@ def _fill_inside(
 ):
     """Filling: inside = 1 where the centre of a cell is inside a closed mesh or on it.
 
-    From cell to cell through a face that is not crossed, the sign stays. It is asked for at the start of a run, `far`
-    away at most; but if the mesh does not reach below the box, rows start outside.
+    The sign stays the same from cell to cell through an uncrossed face. It is queried at the start of a run, within the
+    distance `far`, unless the mesh cannot reach below the box: then rows start outside.
     """
     i, j, c = wp.tid()
     i += rows.first
@@ -145,11 +144,11 @@ def cross_faces(
 
     Args:
         launcher: where it runs.
-        mesh: in cell coordinates.
+        mesh: mesh in cell coordinates.
         lower: first cell of the box.
-        moves: whether its velocity is asked for.
+        moves: whether to find the surface's velocity.
         crossed: 1 on crossed faces across x, y and z, else 0, [ni+1, nj, nk], [ni, nj+1, nk], [ni, nj, nk+1], written.
-        speed: of the surface through each crossed face [m/s], likewise, written if the mesh moves.
+        speed: velocity of the surface through each crossed face [m/s], same shapes, written if `moves`.
     """
     for axis in range(3):
         a, b = (n for other, n in enumerate(crossed[axis].shape) if other != axis)
@@ -164,7 +163,7 @@ def close_crossed(launcher: Launcher, lower: wp.vec3i, crossed: tuple, shares: t
         launcher: where it runs.
         lower: first cell of the mesh's box.
         crossed: from `cross_faces`.
-        shares: wx, wy, wz, the open share of each face of the lattice, set to 0 there.
+        shares: wx, wy, wz, the open share of each face of the lattice, set to 0 on crossed faces.
     """
     for each, share in zip(crossed, shares, strict=True):
         launcher.launch(_close_crossed, each.shape, lower, each, share)
@@ -177,7 +176,7 @@ def fill_inside(
 
     Args:
         launcher: where it runs.
-        mesh: in cell coordinates, with winding numbers.
+        mesh: mesh in cell coordinates, built with winding numbers.
         lower: first cell of the box.
         far: no cell of the box is farther from the mesh than this [cells].
         crossed: from `cross_faces`.

@@ -1,8 +1,8 @@
-"""Semi-Lagrangian advection with cubic interpolation, kept within the range of the cell that the trace began in.
+"""Semi-Lagrangian advection with cubic interpolation, limited to the range of the cell at the start of the trace.
 
 R. Fedkiw, J. Stam, H. W. Jensen, *Visual Simulation of Smoke*, 2001, appendix B: cubic Hermite curves through the
 samples with central differences for slopes (Catmull–Rom) along each axis. They limit the slopes; here the result is
-limited instead, which keeps it monotone in the same sense, that no value arises that was not around.
+limited instead, which is monotone in the same sense: no value leaves the range of its neighbours.
 """
 
 import warp as wp
@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def _weights(t: float):
-    """Catmull–Rom weights of the samples at −1, 0, 1, 2 for a place t in [0, 1]."""
+    """Returns the Catmull–Rom weights of the samples at −1, 0, 1, 2 for a position t in [0, 1]."""
     t2 = t * t
     t3 = t2 * t
     return wp.vec4(
@@ -28,20 +28,20 @@ def _weights(t: float):
 
 @wp.func
 def _offsets(x: float, n: int):
-    """From the base sample to those at −1, 1 and 2, which stay within 0 … n − 1."""
+    """Returns the offsets from the base sample to those at −1, 1 and 2, clamped to 0 … n − 1."""
     b = base(x, n)
     return wp.vec3i(wp.max(b - 1, 0) - b, wp.min(b + 1, n - 1) - b, wp.min(b + 2, n - 1) - b)
 
 
 @wp.func
 def _mean(w: wp.vec4, a0: float, a1: float, a2: float, a3: float):
-    """Weighted sum."""
+    """Returns the weighted sum."""
     return w[0] * a0 + w[1] * a1 + w[2] * a2 + w[3] * a3
 
 
 @wp.func
 def _row(a: wp.array[float], n: int, along_z: wp.vec3i, w: wp.vec4):
-    """Cubic mean of four samples of a row, with the range of the middle two."""
+    """Returns the cubic interpolation of four samples of a row, and the range of the middle two."""
     a0 = a[n]
     a1 = a[n + along_z[1]]
     return _mean(w, a[n + along_z[0]], a0, a1, a[n + along_z[2]]), lesser(a0, a1), greater(a0, a1)
@@ -49,7 +49,7 @@ def _row(a: wp.array[float], n: int, along_z: wp.vec3i, w: wp.vec4):
 
 @wp.func
 def _slice(a: wp.array[float], n: int, along_y: wp.vec3i, v: wp.vec4, along_z: wp.vec3i, w: wp.vec4):
-    """Cubic mean of four rows, with the range of the middle four samples."""
+    """Returns the cubic interpolation of four rows, and the range of the middle four samples."""
     am, _, _ = _row(a, n + along_y[0], along_z, w)
     a0, l0, h0 = _row(a, n, along_z, w)
     a1, l1, h1 = _row(a, n + along_y[1], along_z, w)
@@ -59,9 +59,9 @@ def _slice(a: wp.array[float], n: int, along_y: wp.vec3i, v: wp.vec4, along_z: w
 
 @wp.func
 def sample_cubic(a: wp.array3d[float], x: float, y: float, z: float):
-    """Tricubic value of a at (x, y, z), in sample indices within those of a, and the range of the cell around it.
+    """Returns the tricubic value of a at (x, y, z), in sample indices within a, and the range of the cell around it.
 
-    Beyond the outermost samples the field goes on as constant.
+    Beyond the outermost samples the field is constant.
     """
     ny = a.shape[1]
     nz = a.shape[2]
@@ -82,12 +82,12 @@ def sample_cubic(a: wp.array3d[float], x: float, y: float, z: float):
 
 @wp.func
 def _sample_limited(a: wp.array3d[float], x: float, y: float, z: float):
-    """Tricubic value of a at (x, y, z), within the range of the eight samples around."""
+    """Returns the tricubic value of a at (x, y, z), limited to the range of the eight samples around it."""
     value, low, high = sample_cubic(a, x, y, z)
     return within(value, low, high)
 
 
 class CubicSemiLagrangian(SemiLagrangian):
-    """Order 2 and better: each sample takes the cubic value where its trace began, within the range around."""
+    """Order 2 and better: each sample takes the limited cubic interpolation at the point where its trace began."""
 
     _kernel = sampling_kernel(_sample_limited, __name__)

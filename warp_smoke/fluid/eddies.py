@@ -1,22 +1,22 @@
-"""Where the nodes of turbulence's noise lie in a lattice."""
+"""The nodes of the turbulence noise in a lattice."""
 
 from typing import NamedTuple
 
 from warp_smoke.lattice import Lattice
 
-# Smaller eddies [cells] are made this large: the lattice would not resolve them.
+# Smaller eddies are enlarged to this size [cells], as the lattice would not resolve them.
 _LEAST_SCALE = 2.0
 
 
 class Eddies(NamedTuple):
-    """Nodes of noise, an eddy apart.
+    """Noise nodes, one eddy apart.
 
     Attributes:
         scale: size of the eddies [cells].
-        spacing: of the nodes along each axis [cells]: around a periodic axis a little more or less than the scale, so
-            that a whole number fits.
-        rings: that number for each axis; 0 along axes that are not periodic.
-        nodes: along each axis.
+        spacing: spacing of the nodes along each axis [cells]: along a periodic axis a little more or less than the
+            scale, so that a whole number fits.
+        rings: that whole number for each periodic axis; 0 for other axes.
+        nodes: number of nodes along each axis.
     """
 
     scale: float

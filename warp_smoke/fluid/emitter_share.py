@@ -1,7 +1,7 @@
-"""Which share of each cell an emitter fills: all that is inside it, or its skin alone; evenly, or by noise.
+"""The share of each cell that an emitter fills: its interior or only its skin, uniform or varied by noise.
 
-The noise is K. Perlin's (*Improving Noise*, 2002) in space and time: fixed to the domain, new every few frames, and the
-same in every run.
+The noise is K. Perlin's (*Improving Noise*, 2002) in space and time: fixed to the domain, changing within a few frames,
+and the same in every run.
 """
 
 from math import prod
@@ -16,14 +16,14 @@ from warp_smoke.scene import Emitter
 
 wp.set_module_options({"enable_backward": False})
 
-# Time codes in which the noise becomes another.
+# Time codes over which the noise changes completely.
 _LASTS = 12.0
 _SEED = wp.constant(1)
 
 
 @wp.kernel
 def _peel(rows: Rows, lower: wp.vec3i, cells: wp.vec3i, fraction: wp.array3d[float], share_out: wp.array3d[float]):
-    """Skin: share = f − min of f and the six f around; f = 0 outside of the box, and goes on beyond the domain."""
+    """Skin: share = f − min of f and its six neighbours; f = 0 outside the box, and continues beyond the domain."""
     i, j, c = wp.tid()
     i += rows.first
     last = wp.vec3i(fraction.shape[0] - 1, fraction.shape[1] - 1, fraction.shape[2] - 1)
@@ -57,7 +57,7 @@ def _make_uneven(
     time: float,
     share_out: wp.array3d[float],
 ):
-    """Noise: share (1 − noise n), n in [0, 1] at the cell's centre / scale and at the time."""
+    """Noise: share (1 − noise n), with n in [0, 1] evaluated at the cell's centre / scale and the time."""
     i, j, c = wp.tid()
     i += rows.first
     state = wp.rand_init(_SEED)
@@ -76,7 +76,7 @@ def _make_uneven(
 
 
 class EmitterShare:
-    """The share of each cell in the box of an emitter's voxels that makes smoke."""
+    """The share of each cell in the box of an emitter's voxels that emits smoke."""
 
     def __init__(self, launcher: Launcher, lattice: Lattice, emitter: Emitter, voxels):
         """Prepares.
@@ -84,8 +84,8 @@ class EmitterShare:
         Args:
             launcher: where it runs.
             lattice: cells of the domain.
-            emitter: whose source and noise count.
-            voxels: of the emitter's shape, `MeshVoxels` or `PointVoxels`.
+            emitter: the emitter, of which source and noise are used.
+            voxels: voxels of the emitter's shape, `MeshVoxels` or `PointVoxels`.
         """
         self._launcher, self._lattice, self._emitter, self._voxels = launcher, lattice, emitter, voxels
         self._skin, self._uneven = None, None
@@ -93,10 +93,10 @@ class EmitterShare:
         self._scale = emitter.noise_scale / lattice.voxel_size if emitter.noise_scale else _quarter(lattice, emitter)
 
     def update(self, changed: bool, time: float) -> None:
-        """Follows the voxels.
+        """Updates the shares to the voxels and the time.
 
         Args:
-            changed: whether they have changed.
+            changed: whether the voxels have changed.
             time: time code.
         """
         if 0 in self._voxels.shape:
@@ -104,7 +104,7 @@ class EmitterShare:
         lower = wp.vec3i(*self._voxels.lower)
         if self._emitter.source == "surface" and (changed or self._skin is None):
             self._skin = self._room("skin")
-            # Nothing goes on beyond the ends of a box that may reach beyond periodic sides.
+            # Along periodic axes the box may cross the sides, so its ends are never those of the domain.
             ring = [side == "periodic" for side in self._lattice.sides[0::2]]
             place = zip(ring, self._voxels.lower, self._voxels.shape, self._lattice.shape, strict=True)
             first, cells = zip(*((1, count + 2) if wraps else (low, n) for wraps, low, count, n in place), strict=True)
@@ -116,14 +116,14 @@ class EmitterShare:
             self._launcher.launch(_make_uneven, source.shape, *args)
 
     def fraction(self) -> wp.array:
-        """The share of each cell, [*shape], 0 to 1."""
+        """Returns the share of each cell, [*shape], 0 to 1."""
         return self._uneven if self._emitter.noise else self._even()
 
     def _even(self) -> wp.array:
         return self._skin if self._emitter.source == "surface" else self._voxels.fraction
 
     def _room(self, name: str) -> wp.array:
-        """An array over the box, in storage that grows with it."""
+        """Returns an array over the box, in storage that grows with it."""
         count = prod(self._voxels.shape)
         if name not in self._storage or self._storage[name].size < count:
             self._storage[name] = self._launcher.zeros(count, "emitters")
@@ -131,7 +131,7 @@ class EmitterShare:
 
 
 def _quarter(lattice: Lattice, emitter: Emitter) -> float:
-    """A quarter of the emitter's longest side in the beginning [cells], and at least a cell."""
+    """Returns a quarter of the emitter's longest side at its first sample, at least one cell [cells]."""
     time = -np.inf
     points = transform_points(emitter.transform_at(time) @ lattice.world_to_cells(), emitter.mesh.points_at(time))
     return max(1.0, float(np.ptp(points, axis=0).max()) / 4.0)

@@ -1,9 +1,9 @@
 """Emitters: meshes and points that hold density, temperature and velocity inside themselves, or add density at a rate.
 
-A cell counts by the share f of it that is inside. A held value e acts as ambient + f (e − ambient) where that departs
-further from ambient than what is there, so emitting twice is the same as once. So does each component of a velocity,
-where the air is slower that way or moves the other way: what has become faster, as by buoyancy, stays so. A rate adds
-rate · dt · density · f, with Σ f made the emitter's own volume: the mass is the same for any number of substeps.
+A cell is weighted by the share f of it that is inside. A held value e sets ambient + f (e − ambient) where that is
+further from ambient than the field, so emitting twice is the same as once. A velocity component is held likewise where
+the air is slower in its direction or moves the other way; faster air, sped up by buoyancy for instance, stays as it is.
+A rate adds rate · dt · density · f, with Σ f scaled to the emitter's true volume; the mass does not depend on substeps.
 """
 
 from bisect import insort
@@ -27,7 +27,7 @@ from warp_smoke.scene import Emitter
 
 wp.set_module_options({"enable_backward": False})
 
-# Share of a step: over a shorter part, the distance that a surface moves would be lost in its position's round-off.
+# Shortest part of a step: in less, the distance a surface moves would be lost in the round-off of its position.
 _LEAST_PART = 1e-6
 
 
@@ -40,7 +40,7 @@ def _hold(
     ambient: float,
     a_inout: wp.array3d[float],
 ):
-    """Hold: a = ambient + f (value − ambient) where that departs further from ambient."""
+    """Hold: a = ambient + f (value − ambient) where that is further from ambient than a."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
@@ -69,7 +69,7 @@ def _add(rows: Rows, lower: wp.vec3i, fraction: wp.array3d[float], amount: float
 
 @wp.func
 def inside(a: wp.array3d[float], i: int, j: int, k: int):
-    """The value of a, or 0 outside of its cells."""
+    """Returns the value of a, or 0 outside its cells."""
     value = wp.float32(0.0)
     if i >= 0 and j >= 0 and k >= 0 and i < a.shape[0] and j < a.shape[1] and k < a.shape[2]:
         value = a[i, j, k]
@@ -78,7 +78,7 @@ def inside(a: wp.array3d[float], i: int, j: int, k: int):
 
 @wp.func
 def _farther(given: float, u: float):
-    """The velocity given, or u where that moves the same way at least as fast."""
+    """Returns the given velocity, or u if that has the same direction and is at least as fast."""
     return wp.where(given > 0.0, wp.max(u, given), wp.where(given < 0.0, wp.min(u, given), u))
 
 
@@ -91,7 +91,7 @@ def _push(
     velocity: float,
     u_inout: wp.array3d[float],
 ):
-    """Hold: u = ½ (f₋ + f₊) velocity where that is farther on in its own direction, f₋ and f₊ in the cells beside."""
+    """Hold: u = ½ (f₋ + f₊) velocity unless u is at least as fast in that direction; f₋, f₊ in the face's two cells."""
     i, j, c = wp.tid()
     i += rows.first + faces.first[0]
     j += faces.first[1]
@@ -116,7 +116,7 @@ def _drag(
     velocity: float,
     u_inout: wp.array3d[float],
 ):
-    """Like `_push` with ½ Σ f (velocity + inherit s) over the cells beside the face, s the surface's velocity."""
+    """Like `_push` with ½ Σ f (velocity + inherit s) over the face's two cells, s the surface's velocity."""
     i, j, c = wp.tid()
     i += rows.first + faces.first[0]
     j += faces.first[1]
@@ -138,7 +138,7 @@ class Interval(NamedTuple):
 
     Attributes:
         start, end: time codes.
-        dt: of smoke [s].
+        dt: simulated time between them [s].
     """
 
     start: float
@@ -147,18 +147,18 @@ class Interval(NamedTuple):
 
     @property
     def middle(self) -> float:
-        """Time code half way."""
+        """The time code halfway between start and end."""
         return 0.5 * (self.start + self.end)
 
 
 def divide(start: float, end: float, dt: float, parts: int, changing: Iterable[object] = ()) -> list[Interval]:
-    """Divides a step into equal parts, and these where a value changes its course: there its mean is no longer known.
+    """Divides a step into equal parts, and again at samples of values, which are linear (their mean known) in between.
 
     Args:
         start: time code.
         end: time code.
-        dt: seconds of smoke between them [s].
-        parts: how many.
+        dt: simulated time between them [s].
+        parts: number of equal parts.
         changing: values, or `Samples` of them.
     """
     times = np.linspace(start, end, parts + 1).tolist()
@@ -173,29 +173,29 @@ def divide(start: float, end: float, dt: float, parts: int, changing: Iterable[o
 
 
 class Source:
-    """One emitter at work in a domain.
+    """One emitter acting in a domain.
 
-    Held values are those at the end of an interval; a rate, and whether its emitter is on, those in its middle, which
-    is their mean.
+    Held values are taken at the end of an interval; a rate, and whether its emitter is on, at the middle, where the
+    value is the mean over the interval.
 
     Attributes:
         pushes: whether it gives the air a velocity.
-        turbulence: root mean square of the force that stirs the air inside it [m/s²].
+        turbulence: root mean square of the acceleration that stirs the air inside it [m/s²].
     """
 
     def __init__(self, launcher: Launcher, lattice: Lattice, emitter: Emitter):
-        """Makes the emitter's shape known to the device.
+        """Copies the emitter's shape to the device.
 
         Args:
             launcher: where it runs.
             lattice: cells of the domain.
-            emitter: what emits.
+            emitter: the emitter.
         """
         self._launcher, self._lattice, self._emitter = launcher, lattice, emitter
         if isinstance(emitter.mesh, Points):
             self._voxels = PointVoxels(launcher, lattice, emitter, "emitters")
         else:
-            # The skin of a sheet, which has no inside, is half a voxel on both sides of it.
+            # A sheet has no inside; its skin reaches half a voxel to both sides.
             margin = 0.5 if emitter.source == "surface" and not emitter.mesh.is_closed else 0.0
             self._voxels = MeshVoxels(launcher, lattice, emitter, "emitters", margin)
         self._share = EmitterShare(launcher, lattice, emitter, self._voxels) if emitter.is_partial else None
@@ -204,16 +204,16 @@ class Source:
         self.turbulence = emitter.turbulence
 
     def sweep(self, start: float, end: float, dt: float) -> list[Interval]:
-        """Divides a step so that the emitter moves about a cell in each part, and leaves no gaps.
+        """Divides a step so that the emitter moves at most about a cell in each part, and leaves no gaps.
 
         Args:
             start: time code.
             end: time code.
-            dt: seconds of smoke between them [s].
+            dt: simulated time between them [s].
         """
         parts, emitter = 1, self._emitter
         if self._voxels.moves:
-            # More would only help an emitter that is in the domain for a small part of its way.
+            # More parts would only help an emitter that is in the domain for a small part of its path.
             parts = min(max(1, ceil(self._voxels.travel(start, end))), 2 * sum(self._lattice.shape))
         return divide(start, end, dt, parts, () if emitter.rate is None else (emitter.rate, emitter.enabled))
 
@@ -245,12 +245,12 @@ class Source:
         Args:
             interval: from `sweep`.
             temperature: [nx, ny, nz], changed.
-            ambient: that of the air.
+            ambient: temperature of the ambient air.
         """
         self._hold(interval.end, temperature, value_at(self._emitter.temperature, interval.end), ambient)
 
     def emit_velocity(self, interval: Interval, velocity: tuple) -> None:
-        """Holds the emitter's velocity and its share of the motion; closed sides of the domain stay closed.
+        """Holds the emitter's velocity plus the inherited share of its motion; closed sides of the domain stay closed.
 
         Args:
             interval: from `sweep`.
@@ -270,11 +270,11 @@ class Source:
                     self._launcher.launch(_push, shape, faces, *place, float(given[axis]), component)
 
     def acts(self, time: float) -> bool:
-        """Whether it is on at a time code, and in the domain."""
+        """Returns whether the emitter is on at a time code and has cells in the domain."""
         return 0 not in self._voxels.shape and bool(value_at(self._emitter.enabled, time))
 
     def _smoke(self) -> Iterator[tuple[wp.vec3i, wp.array]]:
-        """Parts of the box that are in the domain: the first cell there, and the share of cells that makes smoke."""
+        """Yields the parts of the box in the domain: first cell there, and share of each cell that emits smoke."""
         fraction = self._share.fraction() if self._share else self._voxels.fraction
         for spans in product(*(self._spans(axis, 0) for axis in range(3))):
             part = tuple(slice(first, end) for first, end, _ in spans)
@@ -282,13 +282,13 @@ class Source:
             yield wp.vec3i(*(first + shift for first, _, shift in spans)), fraction if whole else fraction[part]
 
     def _spans(self, axis: int, more: int) -> list[tuple[int, int, int]]:
-        """Which samples of the box along an axis are in the domain: from, to, and the number of the box's first there.
+        """Returns the box's samples in the domain along an axis: first, end, and domain index of the box's sample 0.
 
-        Beyond a periodic side the box goes on at the other end.
+        Beyond a periodic side the box continues at the other end.
 
         Args:
             axis: 0, 1 or 2.
-            more: samples of the box, and of the domain, than cells: 1 for faces across the axis, else 0.
+            more: by how much samples outnumber cells, in the box and the domain: 1 for faces across the axis, else 0.
         """
         lower, count, n = self._voxels.lower[axis], self._voxels.shape[axis], self._lattice.shape[axis]
         shifts = [0]
@@ -303,10 +303,10 @@ class Source:
                 self._launcher.launch(_hold, fraction.shape, lower, fraction, float(value), ambient, field)
 
     def faces(self, axis: int) -> Iterator[tuple[wp.vec3i, wp.array, Patch]]:
-        """Faces of the box across an axis, numbered within it, without those on closed sides of the domain.
+        """Yields the faces across an axis, in box indices, without those on closed sides of the domain.
 
-        For each part that is in the domain: the number there of the box's first cell, the share of each cell of the box
-        that is inside, and the faces.
+        For each part of the box in the domain: the domain index of the box's first cell, the share of each cell of the
+        box that is inside, and the faces.
         """
         n, (low, high) = self._lattice.shape[axis], self._lattice.sides[2 * axis : 2 * axis + 2]
         unit = tuple(int(a == axis) for a in range(3))

@@ -1,4 +1,4 @@
-"""Accelerations that act on the velocity through the faces, and buoyancy.
+"""Accelerations of the velocity on faces, and buoyancy.
 
 R. Fedkiw, J. Stam, H. W. Jensen, *Visual Simulation of Smoke*, 2001, eq. 8: f = (−α ρ + β (T − T_ambient)) up.
 """
@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False})
 def _accelerate(
     rows: Rows, block: Block, a: wp.array3d[float], ambient: float, gain: float, u_inout: wp.array3d[float]
 ):
-    """Addition: u += gain (½ (a₋ + a₊) − ambient), a₋ and a₊ in the cells beside the face."""
+    """Addition: u += gain (½ (a₋ + a₊) − ambient), a₋ and a₊ in the face's two cells."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
@@ -39,8 +39,8 @@ def accelerate(
         launcher: where it runs.
         patches: faces that it acts on.
         scalar: [nx, ny, nz].
-        ambient: value of the scalar that accelerates nothing.
-        gain: velocity for each unit of the scalar [m/s].
+        ambient: value of the scalar at which there is no acceleration.
+        gain: velocity per unit of the scalar [m/s].
         component: velocity on the faces across one axis [m/s], changed.
     """
     for shape, block in patches:
@@ -50,11 +50,11 @@ def accelerate(
 class Buoyancy:
     """Lift of hot smoke and weight of dense smoke; components of `up` that are zero cost nothing.
 
-    Faces on open sides take the value of their one cell, so that air of one temperature stays at rest below p = 0.
+    Faces on open sides take the value of their one cell, so that air of uniform temperature stays at rest below p = 0.
     """
 
     def __init__(self, launcher: Launcher, shape: tuple[int, int, int], sides: tuple[str, ...], up: tuple):
-        """Args as for the solver: shape in cells, its sides, unit vector up along the lattice's axes."""
+        """Prepares for a lattice: shape in cells, its sides, and the unit vector pointing up along its axes."""
         self._launcher = launcher
         self._axes = [
             (axis, x, [inner_faces(shape, axis), *side_faces(shape, sides, axis), *seam_faces(shape, sides, axis)])

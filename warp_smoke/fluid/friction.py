@@ -1,4 +1,4 @@
-"""Friction of colliders on the faces that they close, and their pull on the air that moves along those."""
+"""Friction of colliders on the faces that they close, and their drag on the air moving along these faces."""
 
 from collections.abc import Sequence
 
@@ -24,7 +24,7 @@ def _rub_beside(
     friction: float,
     friction_inout: wp.array3d[float],
 ):
-    """Friction of a face beside a cell of which half is inside: at least the wall's."""
+    """Friction of a face of a cell that is half inside a wall: at least the wall's."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
@@ -63,8 +63,8 @@ def rub(
 
     Args:
         launcher: where it runs.
-        walls: that are in the lattice.
-        frictions: of the faces across x, y and z, written; 0 on open ones.
+        walls: walls in the lattice.
+        frictions: friction of the faces across x, y and z, written; 0 on open ones.
     """
     for axis, friction in enumerate(frictions):
         friction.zero_()
@@ -83,9 +83,9 @@ def pull_along(
     """Fills the pull of walls: their friction times their velocity along each face that they close.
 
     Args:
-        walls: that are in the lattice; where several close a face, the one with most friction counts, else the last.
+        walls: walls in the lattice; if several close a face, the one with most friction counts, the last one in a tie.
         frictions: from `rub`.
-        pull: written; 0 where a wall stands, and on open faces.
+        pull: written; 0 on walls at rest and on open faces.
     """
     for field in pull.values():
         field.zero_()

@@ -1,4 +1,4 @@
-"""Samples of a staggered (MAC) grid: which samples a launch covers, and which cells lie beside them.
+"""Samples of a staggered (MAC) grid: which samples a launch covers, and which cells are adjacent to them.
 
 Density and temperature sit at cell centres, [nx, ny, nz]; velocity components on faces, u [nx+1, ny, nz],
 v [nx, ny+1, nz], w [nx, ny, nz+1] (F. H. Harlow, J. E. Welch, 1965). A kernel over a `Block` runs for any of them:
@@ -8,7 +8,7 @@ v [nx, ny+1, nz], w [nx, ny, nz+1] (F. H. Harlow, J. E. Welch, 1965). A kernel o
     j += block.first[1]
     k = wp.max(block.first[2] + c * rows.run, 0)
     end = wp.min(k + rows.run, block.stop)
-    while k < end: ...  # the sample is a[i, j, k], the cells beside it beside(b, block.before)[i, j, k] and … after
+    while k < end: ...  # the sample is a[i, j, k], its cells are beside(b, block.before)[i, j, k] and … after
 """
 
 from collections.abc import Iterable
@@ -21,7 +21,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Block:
-    """A block of samples, and where the cells on either side of each lie: cell = sample − before, sample − after.
+    """A block of samples, and the cells on either side of each: cell = sample − before, sample − after.
 
     At cell centres both are the cell itself.
     """
@@ -34,9 +34,9 @@ class Block:
 
 @wp.func
 def beside(a: wp.array3d[float], offset: wp.vec3i):
-    """View of a field of the cells in which element (i, j, k) is its element (i, j, k) − offset.
+    """Returns a view of a cell-centred field whose element (i, j, k) is the field's element (i, j, k) − offset.
 
-    The offset goes into the pointer: in an index it would keep LLVM from vectorising.
+    The offset is put into the pointer: in an index it would keep LLVM from vectorising.
     """
     shift = (offset[0] * a.shape[1] + offset[1]) * a.shape[2] + offset[2]
     start = a.ptr - wp.uint64(4) * wp.uint64(shift)
@@ -44,7 +44,7 @@ def beside(a: wp.array3d[float], offset: wp.vec3i):
 
 
 class Box(NamedTuple):
-    """Samples from `lower` up to and without `upper`, each (i, j, k)."""
+    """Samples from `lower` up to but excluding `upper`, each (i, j, k)."""
 
     lower: tuple[int, int, int]
     upper: tuple[int, int, int]
@@ -58,7 +58,7 @@ class Patch(NamedTuple):
 
 
 def make_patch(first: tuple, shape: tuple, before: tuple, after: tuple) -> Patch:
-    """The samples from `first` on."""
+    """Returns the patch of `shape` samples from `first` on."""
     block = Block()
     block.first, block.stop = wp.vec3i(*first), first[2] + shape[2]
     block.before, block.after = wp.vec3i(*before), wp.vec3i(*after)
@@ -66,25 +66,25 @@ def make_patch(first: tuple, shape: tuple, before: tuple, after: tuple) -> Patch
 
 
 def face_shape(shape: tuple[int, int, int], axis: int) -> tuple[int, int, int]:
-    """Samples of the velocity component along an axis."""
+    """Returns the shape of the velocity component along an axis."""
     return tuple(n + (a == axis) for a, n in enumerate(shape))
 
 
 def all_cells(shape: tuple[int, int, int]) -> Patch:
-    """Every cell; those beside it are itself."""
+    """Returns all cells; the cells beside each are the cell itself."""
     here = (0, 0, 0)
     return make_patch(here, shape, here, here)
 
 
 def inner_faces(shape: tuple[int, int, int], axis: int) -> Patch:
-    """The faces across an axis that lie between two cells."""
+    """Returns the faces across an axis that lie between two cells."""
     unit = _unit(axis)
     between = tuple(n - step for n, step in zip(shape, unit, strict=True))
     return make_patch(unit, between, unit, (0, 0, 0))
 
 
 def side_faces(shape: tuple[int, int, int], sides: tuple[str, ...], axis: int) -> list[Patch]:
-    """The faces across an axis on each open side of the domain; the cells beside them are both the one inside."""
+    """Returns the faces across an axis on each open side of the domain; both cells of a face are the one inside."""
     patches = []
     for first, count, _ in _open_sides(shape, sides, axis):
         inside = _unit(axis) if any(first) else (0, 0, 0)
@@ -93,7 +93,7 @@ def side_faces(shape: tuple[int, int, int], sides: tuple[str, ...], axis: int) -
 
 
 def side_faces_from_within(shape: tuple[int, int, int], sides: tuple[str, ...], axis: int) -> list[Patch]:
-    """Like `side_faces`; what lies beside each is the next face inside, or itself in a domain one cell thick."""
+    """Like `side_faces`, but beside each is the next face inside, or the face itself in a domain one cell thick."""
     patches = []
     for first, count, inwards in _open_sides(shape, sides, axis):
         offset = tuple(-inwards * step * (shape[axis] > 1) for step in _unit(axis))
@@ -102,12 +102,12 @@ def side_faces_from_within(shape: tuple[int, int, int], sides: tuple[str, ...], 
 
 
 def closed_ends(sides: tuple[str, ...]) -> tuple[str, ...]:
-    """The sides with periodic ones closed: for what does the rest of those by itself."""
+    """Returns the sides with periodic ones closed, for code that treats periodic faces separately."""
     return tuple("closed" if side == "periodic" else side for side in sides)
 
 
 def seam_faces(shape: tuple[int, int, int], sides: tuple[str, ...], axis: int) -> list[Patch]:
-    """Both copies of the faces on a periodic side across an axis, if it has one; beside them are the two end cells."""
+    """Returns both copies of the faces on a periodic side across an axis, if any; their two cells are the end cells."""
     if sides[2 * axis] != "periodic":
         return []
     unit = _unit(axis)
@@ -119,14 +119,14 @@ def seam_faces(shape: tuple[int, int, int], sides: tuple[str, ...], axis: int) -
 
 
 def ghost_samples(cells: tuple[int, int, int], layers: tuple[int, int, int], axis: int | None = None) -> list[Patch]:
-    """The layers of ghost samples around a periodic field, each with the sample that it repeats before it.
+    """Returns the ghost samples around a periodic field; `before` leads from each to the sample that it repeats.
 
-    To be filled in this order, for later ones repeat earlier ones.
+    They must be filled in this order, as later ones repeat earlier ones.
 
     Args:
-        cells: along each axis, ghosts among them.
-        layers: of ghost cells at both ends of each axis; 0 along axes that are not periodic.
-        axis: of a field on the faces across it; None = at cell centres.
+        cells: cells along each axis, including ghosts.
+        layers: layers of ghost cells at both ends of each axis; 0 along axes that are not periodic.
+        axis: axis across whose faces the field is sampled; None = at cell centres.
     """
     shape = list(cells if axis is None else face_shape(cells, axis))
     lower = list(layers)
@@ -147,25 +147,25 @@ def ghost_samples(cells: tuple[int, int, int], layers: tuple[int, int, int], axi
 
 
 def patch_of(box: Box, like: Patch) -> Patch:
-    """The samples in a box, with the same cells beside them as in another patch."""
+    """Returns the samples in a box, with the same offsets to adjacent cells as another patch."""
     shape = tuple(max(high - low, 0) for low, high in zip(*box, strict=True))
     return make_patch(box.lower, shape, like.block.before, like.block.after)
 
 
 def faces_of(box: Box, axis: int) -> Patch:
-    """All faces of a box of cells across an axis; the cells beside them are left out."""
+    """Returns all faces of a box of cells across an axis, without offsets to adjacent cells."""
     shape = tuple(high - low + (a == axis) for a, (low, high) in enumerate(zip(*box, strict=True)))
     return make_patch(box.lower, shape, (0, 0, 0), (0, 0, 0))
 
 
 def box_of(patch: Patch) -> Box:
-    """The samples of a patch."""
+    """Returns the box of a patch's samples."""
     lower = tuple(patch.block.first)
     return Box(lower, tuple(low + n for low, n in zip(lower, patch.shape, strict=True)))
 
 
 def hull(boxes: Iterable[Box | None]) -> Box | None:
-    """The smallest box around several; None if there are none."""
+    """Returns the smallest box around several; None if there are none."""
     some = [box for box in boxes if box is not None]
     if not some:
         return None
@@ -174,18 +174,18 @@ def hull(boxes: Iterable[Box | None]) -> Box | None:
 
 
 def common(a: Box, b: Box) -> Box:
-    """The samples that are in both boxes, which overlap."""
+    """Returns the intersection of two boxes that overlap."""
     return Box(tuple(map(max, a.lower, b.lower)), tuple(map(min, a.upper, b.upper)))
 
 
 def grown(box: Box, samples: int, shape: tuple[int, int, int]) -> Box:
-    """The box with so many samples added on each side, within those of a shape."""
+    """Grows a box by a number of samples on each side, within a field of this shape."""
     lower = tuple(max(low - samples, 0) for low in box.lower)
     return Box(lower, tuple(min(high + samples, n) for high, n in zip(box.upper, shape, strict=True)))
 
 
 def around(inner: Box, outer: Box) -> list[Box]:
-    """What is in a box but not in one inside of it, in up to six boxes."""
+    """Returns up to six boxes that make up a box without another one inside it."""
     boxes, (lower, upper) = [], outer
     for axis in range(3):
         for low, high in ((lower[axis], inner.lower[axis]), (inner.upper[axis], upper[axis])):
@@ -204,7 +204,7 @@ def _unit(axis: int) -> tuple[int, int, int]:
 
 
 def _open_sides(shape: tuple[int, int, int], sides: tuple[str, ...], axis: int) -> list[tuple]:
-    """First face, size and direction inwards of each open side across an axis."""
+    """Returns first face, shape and inward direction of each open side across an axis."""
     unit = _unit(axis)
     count = tuple(1 if step else n for n, step in zip(shape, unit, strict=True))
     last = tuple(n * step for n, step in zip(shape, unit, strict=True))

@@ -1,4 +1,4 @@
-"""What is said when a field is not finite; that it is not shows in measures that each step takes anyway."""
+"""The error for a field that is not finite, which is detected in measures that each step takes anyway."""
 
 from collections.abc import Sequence
 from math import ceil, isfinite
@@ -14,35 +14,35 @@ from warp_smoke.timing import Timings
 if TYPE_CHECKING:
     from warp_smoke.plan import DomainPlan
 
-# Passes that write velocity before the pressure, and scalars after that, in their order.
+# Passes that write velocity before the pressure, and passes that write scalars, in their order.
 _FORCES = ("emit_velocity", "confine_vorticity", "add_buoyancy", "stir_air", "on_substep", "diffuse_velocity")
 _LAST = {
     "density": ("emit_density", "advect_density", "diffuse_density", "dissipate_density"),
     "temperature": ("emit_temperature", "advect_temperature", "diffuse_temperature", "cool_temperature"),
 }
-# Time codes this much beyond a frame are still that frame.
+# A time code that exceeds a frame by no more than this still belongs to that frame.
 _ROUND_OFF = 1e-5
 
 
 class NotFiniteError(FloatingPointError):
-    """A field that holds NaN or infinity, or numbers too large to be squared.
+    """Raised when a field holds NaN or infinity, or numbers too large to be squared.
 
     Attributes:
-        path: of the domain.
+        path: path of the domain.
         field: density, temperature or velocity.
-        frame: that was being made.
+        frame: the frame being made.
         after: the last pass that wrote the field.
-        index: of the first such sample, (i, j, k), behind the number of the component for velocity.
+        index: index of the first such sample, (i, j, k), for velocity preceded by the component's number.
     """
 
     def __init__(self, path: str, field: str, arrays: Sequence[wp.array], frame: int, after: str):
         """Finds the first sample that is not finite, or else the largest.
 
         Args:
-            path: of the domain.
-            field: its name.
+            path: path of the domain.
+            field: name of the field.
             arrays: the field, or its components along x, y, z.
-            frame: that was being made.
+            frame: the frame being made.
             after: the last pass that wrote the field.
         """
         values = [each.numpy() for each in arrays]
@@ -60,13 +60,13 @@ class NotFiniteError(FloatingPointError):
 
 
 class Guard:
-    """Measures the fields of one domain, and stops at what is not finite.
+    """Measures the fields of one domain, and raises an error if one is not finite.
 
     Attributes:
-        measures: of the lattice; None where no air moves.
-        time: time code that is worked towards.
-        interferes: whether a script has changed the velocity among the forces.
-        density, temperature: how far they departed from ambient at most when they were checked last.
+        measures: measures of the lattice; None if no air moves.
+        time: time code at the end of the current step.
+        interferes: whether a script has acted on the velocity among the forces.
+        density, temperature: their largest departure from ambient at the last check.
     """
 
     def __init__(
@@ -77,14 +77,14 @@ class Guard:
         measures: Measures | None,
         divergence: wp.array | None,
     ):
-        """Takes note of what runs.
+        """Prepares to check a domain's fields.
 
         Args:
             plan: the domain and what runs in it.
-            timings: takes the time that measuring takes.
-            state: of the smoke.
-            measures: of the lattice; None where no air moves.
-            divergence: of the velocity before each projection; likewise.
+            timings: records the time that measuring takes.
+            state: state of the smoke.
+            measures: measures of the lattice; None if no air moves.
+            divergence: divergence of the velocity before each projection; None if no air moves.
         """
         self._divergence = divergence
         self._domain, self._passes, self._timings, self._state = plan.domain, frozenset(plan.passes), timings, state
@@ -92,7 +92,7 @@ class Guard:
         self.density = self.temperature = 0.0
 
     def motion(self, after: str) -> tuple[float, float]:
-        """Largest speed [m/s] and kinetic energy [m²/s²].
+        """Measures the largest speed [m/s] and the kinetic energy [m²/s²].
 
         Args:
             after: the last pass that wrote the velocity.
@@ -104,22 +104,22 @@ class Guard:
             speed, energy = self.measures.motion(self._state.velocity)
         if not isfinite(energy):
             fields = self._state.velocity
-            # The pressure spreads what is not finite; the divergence shows where it was before.
+            # The pressure spreads values that are not finite; the divergence shows where they were before.
             if after == "project_pressure" and not np.isfinite(self._divergence.numpy()).all():
                 fields, after = [self._divergence], self._last_force()
             raise NotFiniteError(self._domain.path, "velocity", fields, self._frame, after)
         return speed, energy
 
     def _last_force(self) -> str:
-        """The pass that wrote the velocity last before the projection."""
+        """Returns the last pass that wrote the velocity before the projection."""
         acting = [each for each in _FORCES if each in self._passes or (each == "on_substep" and self.interferes)]
         return acting[-1] if acting else "advect_velocity"
 
     def check_scalars(self, after: str | None = None) -> None:
-        """Measures how far density and temperature depart from ambient at most.
+        """Measures the largest departures of density and temperature from ambient.
 
         Args:
-            after: what wrote them; the last pass that does unless given.
+            after: what wrote them; unless given, the last pass that writes them.
 
         Raises:
             NotFiniteError: one of them is not finite.
@@ -140,5 +140,5 @@ class Guard:
 
     @property
     def _frame(self) -> int:
-        """The frame that is made."""
+        """The frame being made."""
         return ceil(self.time - _ROUND_OFF)

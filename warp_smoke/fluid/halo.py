@@ -1,7 +1,7 @@
 """Periodic sides: layers of ghost cells around a copy of a field, which repeat the cells at its other end.
 
-So kernels that know nothing of periodic sides see neighbours everywhere. Faces on a periodic side are stored twice, as
-the first and the last of their axis, and have the same velocity.
+With them, kernels that know nothing of periodic sides find neighbours everywhere. Faces on a periodic side are stored
+twice, as the first and the last of their axis, and have the same velocity.
 """
 
 import warp as wp
@@ -30,11 +30,11 @@ def _copy(rows: Rows, block: Block, a: wp.array3d[float], a_out: wp.array3d[floa
 
 
 def copy_samples(launcher: Launcher, patches: list[Patch], field: wp.array, target: wp.array) -> None:
-    """Copies to each sample of the patches the one before it.
+    """Copies to each sample of the patches the sample at sample − before.
 
     Args:
         launcher: where it runs.
-        patches: one after the other.
+        patches: patches to copy, one after the other.
         field: read.
         target: written; may be the field.
     """
@@ -46,9 +46,9 @@ class Halo:
     """Ghost cells of one lattice.
 
     Attributes:
-        layers: at both ends of each axis; 0 along axes that are not periodic.
-        shape: cells along each axis, ghosts among them.
-        whole: all cells but the ghosts, numbered without them.
+        layers: layers of ghost cells at both ends of each axis; 0 along axes that are not periodic.
+        shape: cells along each axis, including ghosts.
+        whole: all cells except ghosts, in indices that do not count ghosts.
     """
 
     def __init__(self, launcher: Launcher, shape: _Shape, sides: tuple[str, ...], width: int):
@@ -66,27 +66,27 @@ class Halo:
         self._ghosts = {axis: ghost_samples(self.shape, self.layers, axis) for axis in (None, 0, 1, 2)}
 
     def zeros(self, label: str, axis: int | None = None) -> wp.array:
-        """An array with room for ghosts, at cell centres or on the faces across an axis."""
+        """Allocates an array with room for ghosts, at cell centres or on the faces across an axis."""
         return self._launcher.zeros(self.shape if axis is None else face_shape(self.shape, axis), label)
 
     def pad(self, field: wp.array, padded: wp.array, axis: int | None = None) -> wp.array:
-        """Copies a field into an array with ghosts, and fills those; returns that array."""
+        """Copies a field into an array with ghosts and fills the ghosts; returns that array."""
         patch = make_patch(self.layers, field.shape, self.layers, self.layers)
         copy_samples(self._launcher, [patch], field, padded)
         self.fill(padded, axis)
         return padded
 
     def fill(self, padded: wp.array, axis: int | None = None) -> None:
-        """Makes the ghosts of a field repeat its ends."""
+        """Fills the ghosts of a field, which repeat its ends."""
         copy_samples(self._launcher, self._ghosts[axis], padded, padded)
 
     def crop(self, padded: wp.array, field: wp.array) -> None:
-        """Copies a field out of its ghosts."""
+        """Copies a field out of an array with ghosts."""
         back = tuple(-g for g in self.layers)
         copy_samples(self._launcher, [make_patch((0, 0, 0), field.shape, back, back)], padded, field)
 
     def pad_box(self, box: Box) -> Box:
-        """The box among cells with ghosts; along periodic axes that it fills, with the ghost cell before."""
+        """Returns a box in indices with ghosts; along periodic axes that it fills, with the ghost cell before it."""
         lower, upper = [], []
         for low, high, n, g in zip(*box, self.whole.upper, self.layers, strict=True):
             lower.append(low + g - int(g > 0 and high - low == n))
@@ -95,7 +95,7 @@ class Halo:
 
 
 def join_seams(launcher: Launcher, shape: _Shape, sides: tuple[str, ...], velocity: tuple) -> None:
-    """Gives the last faces of periodic axes the velocity of the first, which they are.
+    """Gives the last faces of periodic axes the velocity of the first, which are the same faces.
 
     Args:
         launcher: where it runs.
@@ -109,7 +109,7 @@ def join_seams(launcher: Launcher, shape: _Shape, sides: tuple[str, ...], veloci
 
 
 def last_faces(shape: _Shape, axis: int) -> Patch:
-    """The last faces across a periodic axis, with the first before them."""
+    """Returns the last faces across a periodic axis; `before` leads from them to the first."""
     back = tuple(n * (a == axis) for a, n in enumerate(shape))
     count = tuple(1 if a == axis else n for a, n in enumerate(shape))
     return make_patch(back, count, back, back)

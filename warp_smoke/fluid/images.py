@@ -1,4 +1,4 @@
-"""Images of colliders in periodic domains: what leaves a periodic side comes in again at the other end."""
+"""Images of colliders in periodic domains: a part that leaves through a periodic side enters at the other end."""
 
 from dataclasses import replace
 from itertools import product
@@ -13,9 +13,9 @@ from warp_smoke.scene import Collider
 
 
 def images(lattice: Lattice, prim: Collider) -> list[Lattice]:
-    """The lattice as often as a mesh stands in it, each time shifted by whole domains along periodic axes.
+    """Returns one lattice for each image of a mesh in it, shifted by whole domains along periodic axes.
 
-    A mesh that is longer than the domain is taken as it stands.
+    Along an axis on which the mesh is longer than the domain there is only the mesh itself.
     """
     if "periodic" not in lattice.sides:
         return [lattice]
@@ -30,7 +30,7 @@ def images(lattice: Lattice, prim: Collider) -> list[Lattice]:
 
 
 def _reach(lattice: Lattice, prim: Collider) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds along each axis at every sample of the transform, of all points that there ever are, [3, t] [cells]."""
+    """Returns the bounds of all points at all times, along each axis for every transform sample, [3, t] [cells]."""
     points = each_value(prim.mesh.points).reshape(-1, 3)
     if not len(points):
         return np.zeros((3, 1)), np.zeros((3, 1))
@@ -42,7 +42,7 @@ def _reach(lattice: Lattice, prim: Collider) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shifted(lattice: Lattice, shift: tuple[int, int, int]) -> Lattice:
-    """The lattice moved by so many domains along each axis."""
+    """Returns the lattice shifted by a number of domains along each axis."""
     if not any(shift):
         return lattice
     to_world = lattice.to_world.copy()

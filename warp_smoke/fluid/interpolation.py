@@ -1,51 +1,51 @@
-"""Trilinear interpolation that LLVM vectorises: one integer base index into eight shifted flat views of a field."""
+"""Trilinear interpolation that LLVM can vectorise: one integer base index into eight shifted flat views of a field."""
 
 import warp as wp
 
 
 @wp.func
 def lesser(a: float, b: float):
-    """min(a, b) as one instruction: `wp.min` also looks for NaN."""
+    """Returns min(a, b) in one instruction: `wp.min` also checks for NaN."""
     return wp.where(a < b, a, b)
 
 
 @wp.func
 def greater(a: float, b: float):
-    """max(a, b) as one instruction; b where a is NaN."""
+    """Returns max(a, b) in one instruction; b if a is NaN."""
     return wp.where(a > b, a, b)
 
 
 @wp.func
 def within(x: float, low: float, high: float):
-    """The number in [low, high] nearest to x; low for NaN."""
+    """Clamps x to [low, high]; returns low for NaN."""
     return lesser(greater(x, low), high)
 
 
-# Fields thin out by a factor at each step until their floats are denormal, which take a hundred times as long.
+# Fields decay by a factor at each step until their floats are denormal, which are a hundred times slower.
 _NEXT_TO_NOTHING = wp.constant(1e-20)
 
 
 @wp.func
 def settle(x: float):
-    """The number x, or 0 where that makes no difference."""
+    """Returns x, or 0 if x is negligible."""
     return wp.where(wp.abs(x) > _NEXT_TO_NOTHING, x, 0.0)
 
 
 @wp.func
 def base(x: float, n: int):
-    """First of the two samples 0 … n − 1 around x ≥ 0; 0 if there is only one."""
+    """Returns the first of the two samples among 0 … n − 1 around x ≥ 0; 0 if there is only one."""
     return wp.min(int(x), wp.max(n - 2, 0))
 
 
 @wp.func
 def fraction(x: float, n: int):
-    """How far x lies beyond its base, 0 to 1."""
+    """Returns x minus its base, 0 to 1."""
     return x - float(base(x, n))
 
 
 @wp.func
 def shifted(a: wp.array3d[float], di: int, dj: int, dk: int):
-    """Flat view in which element n is the neighbour of a's element n; not shifted along axes of one sample."""
+    """Returns a flat view whose element n is the neighbour of a's element n; not shifted along axes of one sample."""
     ni = wp.where(a.shape[0] > 1, di, 0)
     nj = wp.where(a.shape[1] > 1, dj, 0)
     nk = wp.where(a.shape[2] > 1, dk, 0)
@@ -55,7 +55,7 @@ def shifted(a: wp.array3d[float], di: int, dj: int, dk: int):
 
 @wp.func
 def corners(a: wp.array3d[float], x: float, y: float, z: float):
-    """The eight samples around (x, y, z), in sample indices within those of a: a_000 a_001 … a_111."""
+    """Returns the eight samples around (x, y, z), in sample indices within a: a_000 a_001 … a_111."""
     n = (base(x, a.shape[0]) * a.shape[1] + base(y, a.shape[1])) * a.shape[2] + base(z, a.shape[2])
     a000 = shifted(a, 0, 0, 0)
     a001 = shifted(a, 0, 0, 1)
@@ -82,7 +82,7 @@ def blend(
     y: float,
     z: float,
 ):
-    """Trilinear mean of the corners of a unit cube at (x, y, z) in [0, 1]³."""
+    """Returns the trilinear interpolation of the corners of a unit cube at (x, y, z) in [0, 1]³."""
     a00 = a000 + z * (a001 - a000)
     a01 = a010 + z * (a011 - a010)
     a10 = a100 + z * (a101 - a100)
@@ -94,7 +94,7 @@ def blend(
 
 @wp.func
 def sample(a: wp.array3d[float], x: float, y: float, z: float):
-    """The value of a at (x, y, z), in sample indices within those of a."""
+    """Returns the trilinear value of a at (x, y, z), in sample indices within a."""
     a000, a001, a010, a011, a100, a101, a110, a111 = corners(a, x, y, z)
     fx = fraction(x, a.shape[0])
     fy = fraction(y, a.shape[1])
@@ -104,9 +104,9 @@ def sample(a: wp.array3d[float], x: float, y: float, z: float):
 
 @wp.func
 def clamped_place(a: wp.array3d[float], x: float, y: float, z: float, lower: wp.vec3, upper: wp.vec3):
-    """The place among the samples of a that is nearest to (x, y, z), and how much of that lies inside of them.
+    """Clamps (x, y, z) to [lower, upper], then to the samples of a; returns that point and the weight of a there.
 
-    Before that (x, y, z) is kept within [lower, upper].
+    The weight falls from 1 among the samples to 0 one sample outside them.
     """
     ex = within(x, lower[0], upper[0])
     ey = within(y, lower[1], upper[1])
@@ -119,5 +119,5 @@ def clamped_place(a: wp.array3d[float], x: float, y: float, z: float, lower: wp.
 
 @wp.func
 def mixed(ambient: float, value: float, inside: float):
-    """Ambient outside, the value inside, and a share of each between."""
+    """Returns ambient outside (0), the value inside (1), and a mix in between."""
     return ambient + inside * (value - ambient)

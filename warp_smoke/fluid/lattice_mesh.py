@@ -1,4 +1,4 @@
-"""Meshes on the lattice: where they stand in its cells, and how they move."""
+"""Meshes on the lattice: their position in its cells and their motion."""
 
 import numpy as np
 import warp as wp
@@ -11,9 +11,9 @@ from warp_smoke.scene import Collider, Emitter
 
 @wp.struct
 class Motion:
-    """How the surface of a mesh moves [m/s], seen from cell coordinates.
+    """The motion of a mesh's surface [m/s] at points in cell coordinates.
 
-    Within `near` cells of it as the closest point does; elsewhere by mean + gradient (x − centre).
+    Within `near` cells of the surface it is that of the closest point, elsewhere mean + gradient (x − centre).
     """
 
     near: float
@@ -24,7 +24,7 @@ class Motion:
 
 @wp.func
 def surface_velocity(mesh: wp.uint64, motion: Motion, x: wp.vec3):
-    """Velocity of the surface at or near x."""
+    """Returns the velocity of the surface at or near x."""
     velocity = motion.mean + motion.gradient * (x - motion.centre)
     if motion.near > 0.0:
         query = wp.mesh_query_point_no_sign(mesh, x, motion.near)
@@ -34,13 +34,13 @@ def surface_velocity(mesh: wp.uint64, motion: Motion, x: wp.vec3):
 
 
 def box_limits(lattice: Lattice, extent: np.ndarray, wraps: bool) -> tuple[np.ndarray, np.ndarray]:
-    """First cell and end of those that the box around a shape may have along each axis.
+    """Returns the first cell and the end of the cells that the box around a shape may cover, along each axis.
 
     Args:
         lattice: cells of the domain.
-        extent: of the shape, [3] [cells].
-        wraps: whether the box goes on beyond periodic sides: as far as the shape does, but only by the cells beside
-            those sides if it is longer than the domain, which is then taken as it stands.
+        extent: extent of the shape, [3] [cells].
+        wraps: whether the box continues beyond periodic sides: as far as the shape does, but by only one cell if the
+            shape is longer than the domain, as it then has no images.
     """
     n = np.asarray(lattice.shape)
     ring = wraps & np.array([side == "periodic" for side in lattice.sides[0::2]])
@@ -49,27 +49,27 @@ def box_limits(lattice: Lattice, extent: np.ndarray, wraps: bool) -> tuple[np.nd
 
 
 class LatticeMesh:
-    """One mesh in cell coordinates, kept up to date as it moves; subclasses say what becomes of its cells.
+    """One mesh in cell coordinates, kept up to date as it moves; subclasses define what happens in its cells.
 
-    A mesh that is inside out (negative volume) is turned, so inside is the same for either order of its triangles.
+    A mesh that is inside out (negative volume) is reversed, so its inside does not depend on the winding order.
 
     Attributes:
         moves: whether the mesh ever moves or deforms.
         lower: first cell of its box (i, j, k).
-        shape: cells of the box, those that the mesh or its margin touches, at least one along each axis; (0, 0, 0)
-            before the first update, and where the mesh has no triangles or lies outside the lattice.
+        shape: cells along each axis of the box that the mesh with its margin touches, at least one; (0, 0, 0) before
+            the first update, and if the mesh has no triangles or lies outside the lattice.
     """
 
-    wraps = False  # whether the box goes on beyond periodic sides
+    wraps = False  # whether the box continues beyond periodic sides
 
     def __init__(self, launcher: Launcher, lattice: Lattice, prim: Emitter | Collider, label: str, margin: float = 0.0):
-        """Makes the mesh known; `update` places it.
+        """Prepares the mesh; `update` places it.
 
         Args:
             launcher: where it runs.
             lattice: cells of the domain.
-            prim: has the mesh and its transform.
-            label: what its memory is counted under.
+            prim: the prim that has the mesh and its transform.
+            label: label under which its memory is counted.
             margin: added outside the mesh [cells].
         """
         self._launcher, self._lattice, self._prim = launcher, lattice, prim
@@ -84,12 +84,12 @@ class LatticeMesh:
         self._used = np.unique(self._triangles)
 
     def update(self, start: float, end: float, seconds: float) -> bool:
-        """Places the mesh as it stands at `end`, moving as it did since `start`.
+        """Places the mesh at its position at `end`, with its mean velocity since `start`.
 
         Args:
             start: time code.
             end: time code; the mesh is at rest if it equals `start`.
-            seconds: of smoke between them [s].
+            seconds: simulated time between them [s].
 
         Returns:
             Whether anything changed since the last update.
@@ -112,7 +112,7 @@ class LatticeMesh:
         return True
 
     def travel(self, start: float, end: float) -> float:
-        """How far any point of the mesh lies from where it was, or a little more [cells]."""
+        """Returns an upper bound of the distance between any point's positions at `start` and `end` [cells]."""
         if not self.moves or start == end or not len(self._triangles):
             return 0.0
         if self._prim.mesh.deforms:
@@ -126,25 +126,25 @@ class LatticeMesh:
         return float(np.linalg.norm(now - was, axis=1).max())
 
     def _to_cells(self, time: float) -> np.ndarray:
-        """Local space to cell coordinates."""
+        """Returns the matrix from local space to cell coordinates."""
         return self._prim.transform_at(time) @ self._lattice.world_to_cells()
 
     def _points_at(self, time: float) -> np.ndarray:
-        """Points in cell coordinates, [n, 3] float64."""
+        """Returns the points in cell coordinates, [n, 3] float64."""
         return transform_points(self._to_cells(time), self._prim.mesh.points_at(time))
 
     def _fit_box(self, points: np.ndarray) -> None:
         low, high = points.min(axis=0) - self._margin, points.max(axis=0) + self._margin
         self.lower = self.shape = (0, 0, 0)
         first, end = box_limits(self._lattice, high - low, self.wraps)
-        # A mesh less than half a cell outside stands between the outermost centres and those beyond an open side.
+        # A mesh less than half a cell outside lies between the outermost centres and those beyond an open side.
         if np.all(high >= first - 0.5) and np.all(low <= end + 0.5):
             lower = np.clip(np.floor(low), first, end - 1).astype(int)
             upper = np.maximum(np.clip(np.ceil(high), first + 1, end).astype(int), lower + 1)
             self.lower, self.shape = tuple(lower.tolist()), tuple((upper - lower).tolist())
 
     def _place_mesh(self, points: np.ndarray, velocity: np.ndarray) -> None:
-        """Puts the device's mesh where the points are; its bounding volumes are built once and then refitted."""
+        """Moves the device's mesh to these points; its bounding volume hierarchy is built once and then refitted."""
         if self._mesh is not None:
             self._mesh.points.assign(points.astype(np.float32))
             self._mesh.velocities.assign(velocity.astype(np.float32))
@@ -159,19 +159,19 @@ class LatticeMesh:
         )
 
     def _volume(self) -> float:
-        """Volume by the divergence theorem [cells]; negative if the mesh is inside out."""
+        """Returns the volume by the divergence theorem [cells]; negative if the mesh is inside out."""
         a, b, c = (self._points[self._triangles[:, n]] - self._points.mean(axis=0) for n in range(3))
         return float(np.einsum("ni,ni", a, np.cross(b, c))) / 6.0
 
     def _far(self) -> float:
-        """No cell of the box is farther from the mesh than this."""
+        """Returns a bound on the distance of the box's cells from the mesh [cells]."""
         return float(np.linalg.norm(np.ptp(self._points, axis=0))) + 2.0 * self._margin + 4.0
 
     def _motion(self, near: float) -> Motion:
-        """The motion as kernels take it.
+        """Returns the motion in the form that kernels take.
 
         Args:
-            near: where a mesh that deforms moves as its closest point does [cells]; a rigid one needs none of that.
+            near: distance within which a deforming mesh moves as its closest point does [cells]; unused if rigid.
         """
         centre, mean, gradient = self._mean_motion()
         motion = Motion()
@@ -180,7 +180,7 @@ class LatticeMesh:
         return motion
 
     def _mean_motion(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The motion as a whole: centre c of the points, their mean velocity, and its gradient G by least squares.
+        """Fits the overall motion: centre c of the points, their mean velocity, and its least-squares gradient G.
 
         The velocity at x is mean + G (x − c): exact for rigid motion.
         """

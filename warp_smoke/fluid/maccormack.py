@@ -1,7 +1,7 @@
-"""MacCormack's method, kept within the range of the cell that the trace began in.
+"""MacCormack's method, limited to the range of the cell at the start of the trace.
 
 A. Selle, R. Fedkiw, B. Kim, Y. Liu, J. Rossignac, *An Unconditionally Stable MacCormack Method*, 2008 (with its two
-ways to keep the result within range).
+ways to limit the result).
 """
 
 from math import ceil, inf, prod
@@ -21,7 +21,7 @@ wp.set_module_options({"enable_backward": False})
 
 # Samples that interpolation reads beyond the end of a trace, and round-off.
 _STENCIL = 2
-# How far samples are read from is rounded up to this, so that few different launches are recorded.
+# The distance over which samples are read is rounded up to this, so that few different launches are recorded.
 _ALIGNMENT = 4
 
 
@@ -38,7 +38,7 @@ def _guess(
     least_out: wp.array3d[float],
     most_out: wp.array3d[float],
 ):
-    """Like `sample_back`, with the range of the eight samples around x + d, or of a_out alone if that is outside."""
+    """Like `sample_back`, with the range of the eight samples around x + d, or a_out as both bounds outside a."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
@@ -76,7 +76,7 @@ def half_error(
     lower: wp.vec3,
     upper: wp.vec3,
 ):
-    """Half of what a field loses on the way there and back, ½ (a(x) − guess(x + e)).
+    """Returns half the error of advecting a field forth and back, ½ (a(x) − guess(x + e)).
 
     It fades out as x + e leaves the samples.
     """
@@ -87,23 +87,23 @@ def half_error(
 
 @wp.func
 def clamped(value: float, low: float, high: float, _guess: float):
-    """The number in [low, high] nearest to the value."""
+    """Clamps the value to [low, high]."""
     return within(value, low, high)
 
 
 @wp.func
 def reverted(value: float, low: float, high: float, guess: float):
-    """The value if it is in [low, high], else the guess."""
+    """Returns the value if it is in [low, high], else the guess."""
     return wp.where(within(value, low, high) == value, value, guess)
 
 
 def limited_kernel(value: wp.Function, limit: wp.Function, module: str) -> wp.Kernel:
-    """Makes the kernel of a scheme of order 2 from its formula and its limit.
+    """Makes the kernel of a second-order scheme from its formula and its limiter.
 
     Args:
-        value: gives the new value of sample (i, j, k) by (block, d, i, j, k, a, guess, lower, upper).
+        value: (block, d, i, j, k, a, guess, lower, upper) → new value of sample (i, j, k).
         limit: `clamped` or `reverted`.
-        module: that the kernel is compiled with.
+        module: name of the module that the kernel is compiled with.
     """
 
     @wp.kernel(name=f"{value.key}_{limit.key}", module=wp.get_module(module))
@@ -119,7 +119,7 @@ def limited_kernel(value: wp.Function, limit: wp.Function, module: str) -> wp.Ke
         upper: wp.vec3,
         a_out: wp.array3d[float],
     ):
-        """Limited: a_out(x) = value(x), in the limits of [least, most]."""
+        """Limited: a_out(x) = value(x), limited to [least, most]."""
         i, j, c = wp.tid()
         i += rows.first + block.first[0]
         j += block.first[1]
@@ -158,16 +158,16 @@ _clamped, _reverted = (limited_kernel(corrected, limit, __name__) for limit in (
 
 
 class MacCormack(SemiLagrangian):
-    """Order 2: a semi-Lagrangian guess, less half of its error, which shows when the guess is carried back again.
+    """Order 2: a semi-Lagrangian guess minus half its error, which is found by advecting the guess back again.
 
-    The result stays within the range of the samples around the place where the trace began: a scalar is clamped to it,
-    which keeps it sharp; velocity falls back to its guess, for where it is clamped, noise feeds on the flow.
+    The result stays within the range of the samples around the point where the trace began: a scalar is clamped, which
+    keeps it sharp; velocity falls back to its guess, as clamping it would let noise grow in the flow.
     """
 
     def __init__(self, launcher: Launcher, shape: tuple[int, int, int], *args, **options):
         """Allocates; arguments as for `SemiLagrangian`."""
         super().__init__(launcher, shape, *args, **options)
-        self._reach = 0  # how far from a carried sample the guess is read
+        self._reach = 0  # how far from an advected sample the guess is read
         self._ahead = make_displacement(launcher, shape)
         self._guess = {samples: launcher.zeros(samples.shape, "advection") for samples in self._spare}
         size = max(prod(samples.shape) for samples in self._spare)
@@ -178,7 +178,7 @@ class MacCormack(SemiLagrangian):
 
     def trace(self, velocity: tuple, step: float, courant: float = inf) -> None:
         """Traces through one step both ways."""
-        reach = min(3.0 * courant, max(self._cells.shape)) + _STENCIL  # the trace ahead is 2 s u more than that back
+        reach = min(3.0 * courant, max(self._cells.shape)) + _STENCIL  # forward traces are 2 s u longer
         self._reach = ceil(reach / _ALIGNMENT) * _ALIGNMENT
         super().trace(velocity, step, courant)
 
@@ -196,20 +196,20 @@ class MacCormack(SemiLagrangian):
         self._correct(samples, field, limits, new)
 
     def _make_guess(self, samples: Samples, field: wp.array, limits: tuple, ambient: float) -> None:
-        """The first-order guess, and the bounds of the result."""
+        """Makes the first-order guess, and the bounds of the result."""
         (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
         self._launcher.launch(_guess, shape, block, self._back, field, *limits, ambient, guess, *bounds)
         if self._boundary and samples is self._cells:
             self._boundary.sample(self._back, field, limits, ambient, (guess, *bounds))
 
     def _correct(self, samples: Samples, field: wp.array, limits: tuple, new: wp.array) -> None:
-        """Makes the new field of the guess, within the bounds.
+        """Makes the new field from the guess, within the bounds.
 
         Args:
             samples: where the field is sampled.
-            field: the old one.
-            limits: where traces back may end, for fields that go beyond open sides.
-            new: written.
+            field: the old field.
+            limits: where backward traces may end, for fields that extend beyond open sides.
+            new: the new field, written.
         """
         (shape, block), guess, bounds = samples.carried, self._guess[samples], self._bounds[samples]
         correct = _clamped if samples is self._cells else _reverted

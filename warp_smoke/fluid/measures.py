@@ -1,7 +1,7 @@
-"""Largest speed, kinetic energy, work of a force, largest departure from ambient: one number for a whole field.
+"""Largest speed, kinetic energy, work of a force, largest departure from ambient: one number for an entire field.
 
-Each launch item covers a block of rows and sums it into one line along k, which LLVM vectorises; the host sums the
-lines. Sums are in float64 and have one order, so they are the same for any number of threads.
+Each launch item covers a block of rows and reduces it to one line along k, which LLVM vectorises; the host reduces the
+lines. Sums are in float64 and in a fixed order, so they are the same for any number of threads.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
 
-# Departures from ambient below this share of a typical one are next to nothing.
+# Departures from ambient below this share of a typical one are negligible.
 _FAINT = 1e-4
 _ROWS = wp.constant(8)
 
@@ -35,7 +35,7 @@ def _measure_motion(
 ):
     """Motion: speed = max |u|, |v|, |w| and energy = ¼ Σ u² over the six faces of each cell, in a block of rows.
 
-    So faces between cells count ½ u² and faces on the sides, half of whose volume is outside, ¼ u².
+    Thus faces between cells count ½ u² and faces on the sides, half of whose volume is outside, ¼ u².
     """
     i, b, c = wp.tid()
     i += rows.first
@@ -73,7 +73,7 @@ def _measure_motion(
 
 @wp.kernel
 def _measure_departure(rows: Rows, a: wp.array3d[float], ambient: float, departure_out: wp.array3d[float]):
-    """Largest: departure = max |a − ambient| in a block of rows; NaN if there is one."""
+    """Largest: departure = max |a − ambient| in a block of rows; NaN if a has a NaN there."""
     i, b, c = wp.tid()
     i += rows.first
     src = dense(a)
@@ -158,7 +158,7 @@ class Measures:
         self._sums = [launcher.zeros(self._lines, "measures", wp.float64) for _ in range(2)]
 
     def motion(self, velocity: tuple) -> tuple[float, float]:
-        """Largest |component| on any face [m/s], and kinetic energy ½ Σ u² over the faces [m²/s²].
+        """Measures the largest |component| on any face [m/s], and the kinetic energy ½ Σ u² over the faces [m²/s²].
 
         Faces on the sides of the domain count half.
 
@@ -169,7 +169,7 @@ class Measures:
         return float(self._largest.numpy().max()), float(self._sums[0].numpy().sum())
 
     def departure(self, scalar: wp.array, ambient: float) -> float:
-        """Largest |a − ambient|; NaN if the field holds one.
+        """Measures the largest |a − ambient|; NaN if the field contains one.
 
         Args:
             scalar: a, [nx, ny, nz].
@@ -179,31 +179,31 @@ class Measures:
         return float(self._largest.numpy().max())
 
     def fast_air(self, share: float) -> Box | None:
-        """The air that was faster than a share of the fastest when its motion was measured last; None if it stood.
+        """Returns the box of air that, at the last `motion`, was faster than a share of the fastest; None if at rest.
 
-        The box is exact along i and k, and reaches over whole blocks of rows along j.
+        The box is exact along i and k, and covers whole blocks of rows along j.
 
         Args:
-            share: of the largest |component|.
+            share: share of the largest |component|.
         """
         speed = self._largest.numpy()
         return self._box(speed > share * speed.max())
 
     def departed(self, scalar: wp.array, ambient: float, typical: float) -> Box | None:
-        """Where a field departs from ambient by more than a ten-thousandth of what is typical; None if nowhere.
+        """Returns the box where |a − ambient| exceeds a ten-thousandth of a typical departure; None if nowhere.
 
-        The box is exact along i and k, and reaches over whole blocks of rows along j.
+        The box is exact along i and k, and covers whole blocks of rows along j.
 
         Args:
             scalar: a, [nx, ny, nz].
             ambient: its value outside.
-            typical: departure; the largest one if that is less.
+            typical: typical departure; the field's largest departure is used if that is less.
         """
         most = self.departure(scalar, ambient)
         return self._box(self._largest.numpy() > _FAINT * min(typical, most))
 
     def _box(self, found: np.ndarray) -> Box | None:
-        """The cells of the lines that are found."""
+        """Returns the box of cells around the lines that are set."""
         if not found.any():
             return None
         lower, upper = [], []
@@ -214,7 +214,7 @@ class Measures:
         return Box(tuple(lower), tuple(upper))
 
     def work(self, velocity: tuple, force: tuple) -> tuple[float, float]:
-        """Σ f · u and Σ |f|² over the cells, u the mean of each cell's faces.
+        """Measures Σ f · u and Σ |f|² over the cells, where u is the mean of each cell's faces.
 
         Args:
             velocity: u, v, w on faces [m/s].

@@ -1,10 +1,10 @@
 """Divergence and pressure gradient on the staggered grid (F. H. Harlow, J. E. Welch, 1965).
 
-Both are undivided. Divergence stands for d = Σ (u₊ − u₋) [m/s] and pressure for q = dt p / h [m/s], so neither h nor
-dt enters: the projection solves L q = d with L = divergence of gradient, then takes the gradient of q off the velocity.
+Both are undivided. Divergence means d = Σ (u₊ − u₋) [m/s] and pressure means q = dt p / h [m/s], so neither h nor dt
+enters: the projection solves L q = d with L = divergence of gradient, then subtracts the gradient of q from velocity.
 Velocity is (u, v, w) on faces, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1] [m/s]; d and q sit in cells,
 [nx, ny, nz]. An open side has p = 0 on its face, half a cell from the centre: weight 2 with q = 0 outside. A closed
-side lets nothing through: weight 0. Beyond a periodic side lies the cell at the other end: weight 1, as between cells;
+side lets nothing through: weight 0. Beyond a periodic side is the cell at the other end: weight 1, as between cells;
 the faces on it are stored twice, as the first and the last.
 """
 
@@ -23,20 +23,20 @@ SIDE_WEIGHTS = {"open": 2.0, "closed": 0.0, "periodic": 1.0}
 
 @cache
 def side_weights(sides: tuple[str, ...]) -> tuple[wp.vec3, wp.vec3]:
-    """Weights of q in the gradient on the outermost faces: lower and upper sides, see `SIDE_WEIGHTS`."""
+    """Returns the weights of q in the gradient on the outermost faces: lower and upper sides, see `SIDE_WEIGHTS`."""
     weights = [SIDE_WEIGHTS[side] for side in sides]
     return wp.vec3(*weights[0::2]), wp.vec3(*weights[1::2])
 
 
 @wp.func
 def face_weight(n: int, last: int, lower: float, upper: float):
-    """Weight of the gradient on face n of 0 … last along an axis."""
+    """Returns the weight of the gradient on face n of 0 … last along an axis."""
     return wp.where(n == 0, lower, wp.where(n == last, upper, 1.0))
 
 
 @wp.func
 def _outflow(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float], i: int, j: int, k: int):
-    """Σ (u₊ − u₋) of a cell."""
+    """Returns Σ (u₊ − u₋) of a cell."""
     fu = dense(u)
     fv = dense(v)
     fw = dense(w)
@@ -48,7 +48,7 @@ def _outflow(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float], i
 
 @wp.func
 def _step_across_i(pressure: wp.array3d[float], i: int, j: int, k: int, lower: float, upper: float):
-    """Weighted difference a (q_i − q_(i−1)) on face i, with q = 0 outside."""
+    """Returns the weighted difference a (q_i − q_(i−1)) on face i, with q = 0 outside."""
     n = pressure.shape[0]
     q = dense(pressure)
     a = face_weight(i, n, lower, upper)
@@ -57,7 +57,7 @@ def _step_across_i(pressure: wp.array3d[float], i: int, j: int, k: int, lower: f
 
 @wp.func
 def _step_across_j(pressure: wp.array3d[float], i: int, j: int, k: int, lower: float, upper: float):
-    """Weighted difference a (q_j − q_(j−1)) on face j, with q = 0 outside."""
+    """Returns the weighted difference a (q_j − q_(j−1)) on face j, with q = 0 outside."""
     n = pressure.shape[1]
     q = dense(pressure)
     a = face_weight(j, n, lower, upper)
@@ -66,19 +66,19 @@ def _step_across_j(pressure: wp.array3d[float], i: int, j: int, k: int, lower: f
 
 @wp.func
 def _whole(_share: wp.array3d[float], _i: int, _j: int, _k: int):
-    """Nothing is solid: 1."""
+    """Returns 1, for lattices without solids."""
     return 1.0
 
 
 @wp.func
 def _open(share: wp.array3d[float], i: int, j: int, k: int):
-    """The open share of a face, or the fluid's of a cell."""
+    """Returns the open share of a face, or the fluid share of a cell."""
     shares = dense(share)
     return shares[i, j, k]
 
 
 def _divergence_kernel(share: wp.Function) -> wp.Kernel:
-    """Makes the kernel for cells that are `_whole`, whose fluid is not read, or `_open` as it says."""
+    """Makes the kernel that weights cells by `_whole` (fluid is not read) or `_open` (it is)."""
 
     @wp.kernel(name=f"_measure_divergence{share.key}")
     def measure(
@@ -106,7 +106,7 @@ _measure_divergence, _measure_fluid_divergence = _divergence_kernel(_whole), _di
 
 
 def _gradient_kernel(share: wp.Function) -> wp.Kernel:
-    """Makes the kernel for faces that are `_whole`, whose shares are not read, or `_open` as they say."""
+    """Makes the kernel that weights faces by `_whole` (shares are not read) or `_open` (they are)."""
 
     @wp.kernel(name=f"_subtract_gradient{share.key}")
     def subtract(
@@ -121,7 +121,7 @@ def _gradient_kernel(share: wp.Function) -> wp.Kernel:
         v_inout: wp.array3d[float],
         w_inout: wp.array3d[float],
     ):
-        """u_i −= wx_i a (q_i − q_(i−1)), wx the open share of the face; v, w alike.
+        """u_i −= wx_i a (q_i − q_(i−1)), wx the open share of the face; v and w likewise.
 
         a = 1 inside, 2 (open) or 0 (closed) on a side, with q = 0 outside.
         """
@@ -168,13 +168,13 @@ _subtract_gradient, _subtract_weighted_gradient = _gradient_kernel(_whole), _gra
 
 
 def _seam_kernel(share: wp.Function) -> wp.Kernel:
-    """Makes the kernel for faces that are `_whole`, whose shares are not read, or `_open` as they say."""
+    """Makes the kernel that weights faces by `_whole` (shares are not read) or `_open` (they are)."""
 
     @wp.kernel(name=f"_subtract_across_seam{share.key}")
     def subtract(
         rows: Rows, block: Block, pressure: wp.array3d[float], shares: wp.array3d[float], u_inout: wp.array3d[float]
     ):
-        """Sets u −= w (q_after − q_before), the cells beside the face, w its open share."""
+        """Sets u −= w (q_after − q_before) for the two cells of a face, w its open share."""
         i, j, c = wp.tid()
         i += rows.first + block.first[0]
         j += block.first[1]
@@ -231,12 +231,12 @@ def _close_sides(
 
 
 def corners(shape: tuple[int, int, int]) -> tuple[int, int, int]:
-    """The launch that meets every face once: corner (i, j, k) stands for the faces on the lower sides of its cell."""
+    """Returns the shape of a launch that covers every face once: corner (i, j, k) has its cell's three lower faces."""
     return shape[0] + 1, shape[1] + 1, shape[2] + 1
 
 
 def measure_divergence(launcher: Launcher, velocity: tuple[wp.array, wp.array, wp.array], divergence: wp.array) -> None:
-    """Divergence d = Σ (u₊ − u₋) of each cell.
+    """Computes the divergence d = Σ (u₊ − u₋) of each cell.
 
     Args:
         launcher: where it runs.
@@ -249,12 +249,12 @@ def measure_divergence(launcher: Launcher, velocity: tuple[wp.array, wp.array, w
 def measure_fluid_divergence(
     launcher: Launcher, velocity: tuple[wp.array, wp.array, wp.array], solids, divergence: wp.array
 ) -> None:
-    """Divergence of each cell of fluid; 0 in solid cells. Faces of solids must carry their velocity (`Solids.apply`).
+    """Computes the divergence of fluid cells, 0 in solid cells; faces of solids must have their velocity.
 
     Args:
         launcher: where it runs.
         velocity: u, v, w on faces [m/s].
-        solids: a `Solids`.
+        solids: a `Solids`, whose `apply` has set the velocity of solid faces.
         divergence: [nx, ny, nz] [m/s], written.
     """
     launcher.launch(_measure_fluid_divergence, divergence.shape, *velocity, solids.fluid, divergence)
@@ -263,7 +263,7 @@ def measure_fluid_divergence(
 def subtract_gradient(
     launcher: Launcher, pressure: wp.array, sides: tuple[str, ...], velocity: tuple[wp.array, wp.array, wp.array]
 ) -> None:
-    """Takes the gradient of q off the velocity; faces on closed sides keep theirs.
+    """Subtracts the gradient of q from the velocity; faces on closed sides keep theirs.
 
     Args:
         launcher: where it runs.
@@ -285,7 +285,7 @@ def subtract_fluid_gradient(
     solids,
     velocity: tuple[wp.array, wp.array, wp.array],
 ) -> None:
-    """Takes the gradient of q off the velocity, as far as each face is open; faces of solids keep theirs.
+    """Subtracts the gradient of q, weighted by open shares, from the velocity; faces of solids keep theirs.
 
     Args:
         launcher: where it runs.

@@ -1,4 +1,4 @@
-"""Advection in domains with periodic sides: any scheme, on copies of the fields with ghost cells around them."""
+"""Advection in domains with periodic sides: any scheme, applied to copies of the fields with ghost cells."""
 
 from math import ceil, inf
 
@@ -10,23 +10,23 @@ from warp_smoke.fluid.halo import Halo
 from warp_smoke.fluid.solid_boundary import SolidBoundary
 from warp_smoke.launch import Launcher
 
-# Cells that a trace may cross at most; what is faster is carried in more parts.
+# Most cells that a trace may cross; faster flow is advected in more parts.
 MOST_COURANT = 8.0
-# Ghosts that samples reach beyond the end of a trace, which may begin in the first of them.
+# Ghosts needed beyond the length of a trace: interpolation at its end, and its start in the first ghost.
 _STENCIL = 3
 
 
 def advection_halo(
     launcher: Launcher, shape: tuple[int, int, int], sides: tuple[str, ...], max_courant: float
 ) -> Halo | None:
-    """Ghost cells for traces up to a Courant number; None where no side is periodic."""
+    """Makes ghost cells for traces up to a Courant number; returns None if no side is periodic."""
     if "periodic" not in sides:
         return None
     return Halo(launcher, shape, sides, ceil(min(max_courant, MOST_COURANT)) + _STENCIL)
 
 
 class PaddedSolids:
-    """The colliders of a domain among its ghost cells; attributes as those of `Solids`."""
+    """The colliders of a domain on its lattice with ghost cells; attributes as in `Solids`."""
 
     def __init__(self, solids: Solids, halo: Halo):
         """Allocates."""
@@ -37,7 +37,7 @@ class PaddedSolids:
         self.box = None
 
     def update(self, start: float, end: float, seconds: float) -> None:
-        """Moves the solids as `Solids.update`, and copies them."""
+        """Moves the solids like `Solids.update`, and copies them."""
         solids, halo = self._solids, self._halo
         solids.update(start, end, seconds)
         halo.pad(solids.held, self.held)
@@ -56,7 +56,7 @@ class PaddedSolids:
 
 
 class PeriodicAdvection:
-    """A scheme at work among ghost cells; methods as those of `SemiLagrangian`."""
+    """An advection scheme on a lattice with ghost cells; methods as in `SemiLagrangian`."""
 
     def __init__(
         self,
@@ -73,7 +73,7 @@ class PeriodicAdvection:
             scheme: one of the advection schemes.
             sides: open, closed or periodic for each of -x +x -y +y -z +z.
             halo: from `advection_halo`.
-            boundary: of the `PaddedSolids`, or None.
+            boundary: boundary of the `PaddedSolids`, or None.
         """
         self._halo, self._boundary = halo, boundary
         self._advection = scheme(launcher, halo.shape, closed_ends(sides), boundary, layers=halo.layers)
@@ -83,16 +83,16 @@ class PeriodicAdvection:
         self.activate(whole, whole)
 
     def activate(self, air: Box, smoke: Box) -> None:
-        """Carries velocity in one box and scalars in another inside of it; elsewhere they stay as they are."""
+        """Limits advection of velocity to one box and of scalars to another inside it."""
         self._advection.activate(self._halo.pad_box(air), self._halo.pad_box(smoke))
 
     def trace(self, velocity: tuple, step: float, courant: float = inf) -> None:
-        """Traces through one step; what is advected next follows these traces."""
+        """Traces back through one step; the fields advected next follow these traces."""
         self._pad(velocity)
         self._advection.trace(self._velocity, step, courant)
 
     def advect_velocity(self, velocity: tuple, wind: tuple[float, float, float] | None = None) -> tuple:
-        """Carries u, v, w, and returns them."""
+        """Advects u, v, w, and returns them."""
         self._pad(velocity)
         if self._boundary:
             self._boundary.extend(self._velocity)
@@ -102,7 +102,7 @@ class PeriodicAdvection:
         return velocity
 
     def advect_scalar(self, scalar: wp.array, ambient: float) -> wp.array:
-        """Carries a field of the cells, and returns it."""
+        """Advects a cell-centred field, and returns it."""
         self._scalar = self._advection.advect_scalar(self._halo.pad(scalar, self._scalar), ambient)
         self._halo.crop(self._scalar, scalar)
         return scalar

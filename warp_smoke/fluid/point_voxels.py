@@ -1,8 +1,8 @@
-"""Points on the lattice, each a small sphere: how much of each cell lies inside, and how fast the spheres move.
+"""Points on the lattice, each a small sphere: how much of each cell is inside, and how fast the spheres move.
 
-The share of a cell in a sphere is that behind the plane at the sphere's closest point. Of spheres that are no larger
-than a few cells this is too much, so the shares of the cells that its surface cuts are scaled to give each sphere its
-volume 4/3 π r³ exactly. Where spheres overlap, shares add up to 1 at most.
+The share of a cell in a sphere is the share behind the plane at the sphere's closest point. For spheres of only a few
+cells this is too much, so the shares of cells cut by the surface are scaled to give each sphere its exact volume
+4/3 π r³. Where spheres overlap, shares add up to 1 at most.
 """
 
 from math import prod
@@ -21,13 +21,13 @@ wp.set_module_options({"enable_backward": False})
 
 # Half the diagonal of a cell, and a little more.
 _HALF_DIAGONAL = wp.constant(0.8661)
-# Cells of the grid that finds the points near a cell, along each axis; it repeats beyond.
+# Size of the hash grid that finds the points near a cell, along each axis; it repeats beyond.
 _GRID = 32
 
 
 @wp.struct
 class Spheres:
-    """Spheres in cell coordinates: centres, radii, scale of the shares that their surfaces cut, and velocity [m/s]."""
+    """Spheres in cell coordinates: centres, radii, scale of shares in cells cut by the surface, and velocity [m/s]."""
 
     centres: wp.array[wp.vec3]
     radii: wp.array[float]
@@ -37,10 +37,10 @@ class Spheres:
 
 @wp.func
 def _share_in_sphere(centre: wp.vec3, radius: float, cell: wp.vec3):
-    """Share of the cell around `cell` behind the plane at the closest point of a sphere."""
+    """Returns the share of the cell centred at `cell` that is behind the plane at the closest point of a sphere."""
     offset = cell - centre
     length = wp.length(offset)
-    normal = wp.vec3(0.0, 0.0, 1.0)  # any will do around the centre
+    normal = wp.vec3(0.0, 0.0, 1.0)  # at the centre any direction will do
     if length > 0.0:
         normal = offset / length
     return share_behind_plane(normal, length - radius)
@@ -48,7 +48,7 @@ def _share_in_sphere(centre: wp.vec3, radius: float, cell: wp.vec3):
 
 @wp.kernel
 def _scale_surfaces(rows: Rows, centres: wp.array[wp.vec3], radii: wp.array[float], scale_out: wp.array[float]):
-    """Scaling: scale = (4/3 π r³ − cells wholly inside) / Σ shares of the cells that the surface cuts."""
+    """Scaling: scale = (4/3 π r³ − number of cells fully inside) / Σ shares of the cells cut by the surface."""
     n = rows.first + wp.tid()
     p = centres[n]
     r = radii[n]
@@ -119,19 +119,19 @@ class PointVoxels:
     Attributes:
         moves: whether they ever move or change size.
         lower: first cell of the box (i, j, k).
-        shape: cells of the box; (0, 0, 0) before the first update, and where no sphere lies in the lattice.
-        fraction: share of each cell of the box inside, [*shape], 0 to 1; says nothing where the box has no cells.
+        shape: cells along each axis of the box; (0, 0, 0) before the first update, and if no sphere is in the lattice.
+        fraction: share of each cell of the box inside, [*shape], 0 to 1; meaningless if the box has no cells.
         velocity: u, v, w along the lattice's axes at the cells of the box, each [*shape] [m/s]; None if nothing moves.
     """
 
     def __init__(self, launcher: Launcher, lattice: Lattice, emitter: Emitter, label: str):
-        """Makes the points known; `update` fills the cells.
+        """Prepares the points; `update` fills the cells.
 
         Args:
             launcher: where it runs.
             lattice: cells of the domain.
-            emitter: has the points and their transform.
-            label: what their memory is counted under.
+            emitter: the emitter that has the points and their transform.
+            label: label under which their memory is counted.
         """
         self._launcher, self._lattice, self._emitter, self._label = launcher, lattice, emitter, label
         self.moves = emitter.moves or emitter.mesh.deforms
@@ -146,12 +146,12 @@ class PointVoxels:
         self._storage = ()  # room for fraction, and u, v, w if anything moves, as large as the largest box so far
 
     def update(self, start: float, end: float, seconds: float) -> bool:
-        """Voxelises the spheres as they stand at `end`, moving as they did since `start`.
+        """Voxelises the spheres at their positions at `end`, with their mean velocity since `start`.
 
         Args:
             start: time code.
             end: time code; they are at rest if it equals `start`.
-            seconds: of smoke between them [s].
+            seconds: simulated time between them [s].
 
         Returns:
             Whether anything changed since the last update.
@@ -173,18 +173,18 @@ class PointVoxels:
         return True
 
     def travel(self, start: float, end: float) -> float:
-        """How far any point lies from where it was [cells]."""
+        """Returns the largest distance between any point's positions at `start` and `end` [cells]."""
         if not self.moves or start == end or not len(self._spheres.radii):
             return 0.0
         was, now = (self._spheres_at(time)[0] for time in (start, end))
         return float(np.linalg.norm(now - was, axis=1).max())
 
     def volume_ratio(self) -> float:
-        """The volume of the spheres over that of their cells, as for `MeshVoxels`: they agree already."""
+        """Returns the volume of the spheres over that of their cells, as `MeshVoxels` does; here they already agree."""
         return 1.0
 
     def _spheres_at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Centres [n, 3] and radii [n] in cell coordinates, float64; scaled unevenly, spheres keep their volume."""
+        """Returns centres [n, 3] and radii [n] [cells], float64; non-uniform scale scales the volume exactly."""
         to_cells = self._emitter.transform_at(time) @ self._lattice.world_to_cells()
         scale = np.cbrt(abs(np.linalg.det(to_cells[:3, :3])))
         points = self._emitter.mesh

@@ -1,4 +1,4 @@
-"""The pressure projection: takes from the velocity the gradient of the pressure that its divergence calls for.
+"""The pressure projection: subtracts from the velocity the pressure gradient that makes it divergence-free.
 
 ∇²p = ∇·u / dt, u ← u − dt ∇p, after solid faces have been given the velocity of the collider (J. Stam, *Stable Fluids*,
 1999).
@@ -26,7 +26,7 @@ class PressureProjection:
     """The projection in one domain.
 
     Attributes:
-        divergence: of the velocity before the last projection times h, [nx, ny, nz] [m/s].
+        divergence: h times the divergence of the velocity before the last projection, [nx, ny, nz] [m/s].
     """
 
     def __init__(self, launcher: Launcher, plan: "DomainPlan", solids: Solids | None):
@@ -44,7 +44,7 @@ class PressureProjection:
         self.divergence = launcher.zeros(shape, "divergence")
 
     def project(self, state: SmokeState) -> PressureStatus:
-        """Makes the velocity free of divergence, beginning with the last pressure; returns how well."""
+        """Makes the velocity divergence-free, with the last pressure as first guess; returns the solver's status."""
         launcher, velocity, pressure = self._launcher, state.velocity, state.pressure
         if self._solids:
             self._solids.apply(velocity)

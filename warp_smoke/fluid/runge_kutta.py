@@ -1,7 +1,7 @@
-"""Traces backwards by name: Runge–Kutta methods of order 1, 2 and 3.
+"""Backward traces by name: Runge–Kutta methods of order 1, 2 and 3.
 
-R. Bridson, *Fluid Simulation for Computer Graphics*, 2015, section 2.4; the third is A. Ralston's, 1962. The second,
-which all smoke is carried by, is in `trace.py`; the others are there to be compared with it.
+R. Bridson, *Fluid Simulation for Computer Graphics*, 2015, section 2.4; that of order 3 is A. Ralston's, 1962. That of
+order 2, by which all smoke is advected, is in `trace.py`; the others are here for comparison.
 """
 
 import warp as wp
@@ -30,7 +30,7 @@ def by_ralston(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float],
     return -step / 9.0 * (2.0 * a + 3.0 * b + 4.0 * c)
 
 
-# By the name of the rule: backwards alone, and both ways.
+# Kernels by the name of the rule: backward only, and both ways.
 TRACES = {
     "euler": tracing_kernel(by_euler, __name__),
     "rk2": trace_by_midpoint,
@@ -57,7 +57,7 @@ def trace_back(
     Args:
         launcher: where it runs.
         scheme: one of `TRACES`.
-        cells: those to trace from.
+        cells: the cells to trace from.
         velocity: u, v, w on faces [m/s].
         step: dt / h [s/m].
         limits: where traces end, see `trace_limits`.
@@ -76,12 +76,12 @@ def trace_both_ways(
     back: Displacement,
     ahead: Displacement,
 ) -> None:
-    """Traces from each cell's centre to where its smoke was one step ago, and to where it will be one step on.
+    """Traces from each cell's centre to where its smoke was one step ago, and to where it will be one step later.
 
     Args:
         launcher: where it runs.
         scheme: one of `TRACES`.
-        cells: those to trace from.
+        cells: the cells to trace from.
         velocity: u, v, w on faces [m/s].
         step: dt / h [s/m].
         limits: where traces end, see `trace_limits`.

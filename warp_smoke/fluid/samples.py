@@ -1,4 +1,4 @@
-"""Which samples of a field are carried, which stay as they are, and which follow from others."""
+"""Which samples of a field are advected, which are left unchanged, and which are copied from others."""
 
 from math import prod
 
@@ -21,16 +21,16 @@ from warp_smoke.fluid.grid import (
 
 
 class Samples:
-    """Where a field is sampled.
+    """The samples of one field.
 
     Attributes:
-        shape: of the field.
-        carried: the samples that are carried: those between cells that are active; faces on the domain's sides are not.
-        kept: the others within the domain, which stay as they are.
+        shape: shape of the field.
+        carried: the samples to advect: active cells, or faces between active cells; no faces on the domain's sides.
+        kept: the other samples within the domain, which are left unchanged.
         few: whether fewer are carried than kept.
-        continued: faces on open sides, which go on as the next face inside; then ghosts.
+        continued: faces on open sides, which copy the next face inside; then ghosts.
         thin: whether there is no face inside, in a domain one cell thick.
-        clamped: first and last sample along each axis, lower and upper.
+        clamped: first and last sample along each axis, as lower and upper limits.
         limits: the same, but one sample farther out on open sides.
     """
 
@@ -39,7 +39,7 @@ class Samples:
         self.continued = [] if axis is None else side_faces_from_within(cells, sides, axis)
         self.continued += ghost_samples(cells, layers, axis)
         every = all_cells(cells) if axis is None else inner_faces(cells, axis)
-        # Of the faces on a periodic side the first are carried, and the last are ghosts.
+        # Of the two copies of faces on a periodic side, the first are carried and the last are ghosts.
         own = Box(layers, tuple(n - g if g else m for n, g, m in zip(cells, layers, self.shape, strict=True)))
         self._inside, self._layers, self._near = patch_of(common(box_of(every), own), every), layers, {}
         self._active = None  # the box of cells, once there is one
@@ -50,7 +50,7 @@ class Samples:
         self.limits = wp.vec3(*(-n for n in out[0::2])), wp.vec3(*(n + m for n, m in zip(last, out[1::2], strict=True)))
 
     def activate(self, cells: Box) -> None:
-        """Carries those samples alone that lie in a box of cells, or between two of them."""
+        """Limits the carried samples to cells in a box, or faces between two cells in it."""
         if cells == self._active:
             return
         self._active = cells
@@ -63,7 +63,7 @@ class Samples:
         self.few = 2 * prod(self.carried.shape) < prod(self._inside.shape)
 
     def near(self, distance: int) -> list[Patch]:
-        """Those of the kept samples that lie up to a distance from the carried ones."""
+        """Returns the kept samples within a distance of the carried ones."""
         if distance not in self._near:
             active, inside = box_of(self.carried), box_of(self._inside)
             close = common(grown(active, distance, self.shape), inside)
@@ -79,5 +79,5 @@ class Samples:
 
     @property
     def alone(self) -> Patch:
-        """The carried samples, without the cells beside them."""
+        """The carried samples, without offsets to adjacent cells."""
         return patch_of(box_of(self.carried), all_cells(self.shape))

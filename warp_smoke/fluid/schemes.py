@@ -1,4 +1,4 @@
-"""The advection schemes by name; all fields of a domain are carried by the same one."""
+"""The advection schemes by name; all fields of a domain are advected by the same one."""
 
 from warp_smoke.fluid.advection import SemiLagrangian
 from warp_smoke.fluid.bfecc import Bfecc

@@ -1,7 +1,7 @@
-"""Advection beside solids: traces end on them, and only smoke on the near side of a solid is sampled.
+"""Advection near solids: traces end on them, and only smoke on the near side of a solid is sampled.
 
-Traces go up to the first closed face. Of the eight cells around a trace's end those count that are connected with the
-cell of the end through open faces: so no wall leaks, however thin, diagonal ones included.
+Traces end at the first closed face. Of the eight cells around a trace's end only those are used that open faces connect
+with the cell of the end, so no wall leaks, however thin, not even a diagonal one.
 """
 
 from math import ceil
@@ -20,7 +20,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def _wall(share: wp.array3d[float], fluid: wp.array3d[float], i: int, j: int, k: int, di: int, dj: int, dk: int):
-    """1 for a closed face between cells of fluid, on the lower side of cell (i, j, k) along an axis; else 0."""
+    """Returns 1 if the face on the lower side of cell (i, j, k) along an axis is closed between fluid cells, else 0."""
     inside = wp.where(wp.min(i - di, wp.min(j - dj, k - dk)) >= 0, 1.0, 0.0)
     before = fluid[wp.max(i - di, 0), wp.max(j - dj, 0), wp.max(k - dk, 0)]
     return inside * before * fluid[i, j, k] * wp.where(share[i, j, k] > 0.0, 0.0, 1.0)
@@ -28,7 +28,7 @@ def _wall(share: wp.array3d[float], fluid: wp.array3d[float], i: int, j: int, k:
 
 @wp.kernel
 def _mark_obstructed(rows: Rows, block: Block, solids: SolidCells, obstructed_out: wp.array3d[float]):
-    """Mark: obstructed = 1 in cells that are solid or not held, or have a wall on a face; else 0."""
+    """Mark: obstructed = 1 in cells that are solid or not held, or have a wall on one of their faces; else 0."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
@@ -82,7 +82,7 @@ def _stop_at_solids(
     solids: SolidCells,
     d_inout: Displacement,
 ):
-    """Shortening: d ends where it first meets a closed face."""
+    """Shortening: d ends just before the first closed face."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
@@ -93,7 +93,7 @@ def _stop_at_solids(
         y = d_inout.y[i, j, k]
         z = d_inout.z[i, j, k]
         far = wp.max(wp.abs(x), wp.max(wp.abs(y), wp.abs(z)))
-        # A short way crosses no faces but those of the cell and its neighbours.
+        # A short trace crosses only faces of the cell and its neighbours.
         if (far > 1.5 or (far > 0.5 and solids.crowded[i, j, k] > 0.0)) and solids.fluid[i, j, k] > 0.0:
             way = way_to_solid(solids, i, j, k, x, y, z)
             if way < 2.0:
@@ -105,7 +105,7 @@ def _stop_at_solids(
 
 @wp.func
 def _crowded_at(crowded: wp.array3d[float], x: float, y: float, z: float):
-    """The value of `crowded` in the cell that holds (x, y, z), in cell indices, or in the cell nearest to it."""
+    """Returns the value of `crowded` in the cell that contains (x, y, z), in cell indices, or in the nearest cell."""
     i = int(within(x + 0.5, 0.0, float(crowded.shape[0] - 1)))
     j = int(within(y + 0.5, 0.0, float(crowded.shape[1] - 1)))
     k = int(within(z + 0.5, 0.0, float(crowded.shape[2] - 1)))
@@ -159,7 +159,7 @@ def _sample_near_solids(
     least_out: wp.array3d[float],
     most_out: wp.array3d[float],
 ):
-    """Where near: a_out(x) = least = most = Σ w a / Σ w, over the corners around x + d that are connected with it.
+    """Where near: a_out(x) = least = most = Σ w a / Σ w over the corners around x + d that are connected with it.
 
     Solid cells become ambient.
     """
@@ -188,7 +188,7 @@ def _sample_near_solids(
 
 @wp.func
 def _open(u: wp.array3d[float], share: wp.array3d[float], i: int, j: int, k: int):
-    """The velocity and 1 on an open face, else 0 and 0."""
+    """Returns the velocity and 1 on an open face, else 0 and 0."""
     count = wp.where(share[i, j, k] > 0.0, 1.0, 0.0)
     return count * u[i, j, k], count
 
@@ -202,7 +202,7 @@ def _extend(
     share: wp.array3d[float],
     u_inout: wp.array3d[float],
 ):
-    """Free slip: u = mean of the open ones among the six faces around, on faces between two solid cells."""
+    """Free slip: on faces between two solid cells, u = mean over the open faces among the six neighbours."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
@@ -227,7 +227,7 @@ def _extend(
 
 
 class SolidBoundary:
-    """The colliders of a domain as advection sees them."""
+    """The colliders of a domain as a boundary for advection."""
 
     def __init__(self, launcher: Launcher, solids: Solids):
         """Allocates.
@@ -246,26 +246,26 @@ class SolidBoundary:
         self._concerned = all_cells(shape)  # cells whose traces may meet solids
 
     def move(self, start: float, end: float, seconds: float) -> None:
-        """Moves the solids to where they stand at `end`; arguments as for `Solids.update`."""
+        """Moves the solids to their positions at `end`; arguments as for `Solids.update`."""
         solids = self._solids
         solids.update(start, end, seconds)
         changed = solids.changes != self._changes
-        # Once more in the step after a move: what was solid or passed over in it holds smoke by then.
+        # Again in the step after a move: cells that were solid or passed over in it now hold smoke.
         if changed or not self._settled:
             self._mark_crowded()
         self._changes, self._settled = solids.changes, not changed
 
     def follow(self, courant: float) -> None:
-        """Looks at those cells alone from which traces may come near solids, until this is called again.
+        """Limits the work to cells whose traces may come near solids, until this is called again.
 
         Args:
-            courant: cells that air moves in a step, at most.
+            courant: most cells that air moves in a step.
         """
-        # Traces ahead are twice the way of the air less the trace back; crowded cells lie up to two from solids.
+        # A forward trace is the backward one plus twice the air's displacement; crowded cells are within two of solids.
         self._concerned = self._cells_near(ceil(min(3.0 * courant, max(self._near.shape))) + 3)
 
     def _cells_near(self, distance: int) -> Patch:
-        """Cells up to a distance from the solids' box."""
+        """Returns the cells within a distance of the solids' box."""
         shape, box = self._near.shape, self._solids.box
         nothing = Box((0, 0, 0), (0, 0, 0))
         return patch_of(nothing if box is None else grown(box, distance, shape), all_cells(shape))
@@ -280,7 +280,7 @@ class SolidBoundary:
         self._launcher.launch(_spread, *patch, z, self._spare, self._crowded)
 
     def extend(self, velocity: tuple) -> None:
-        """Continues the flow along solids one face into them, so that it slips.
+        """Extends the flow along solids one face into them, so that it slips freely.
 
         Args:
             velocity: u, v, w on faces [m/s], changed inside solids.
@@ -293,24 +293,24 @@ class SolidBoundary:
             self._launcher.launch(_extend, *faces_of(solids.box, axis), unit, solids.fluid, share, velocity[axis])
 
     def stop(self, back: Displacement, ahead: Displacement) -> None:
-        """Ends traces at solids, and notes which cells `sample` has to do.
+        """Ends backward traces at solids, and marks the cells that `sample` has to resample.
 
         Args:
-            back: to where smoke was, shortened.
-            ahead: to where it will be.
+            back: displacements to where smoke was, shortened.
+            ahead: displacements to where it will be.
         """
         self._launcher.launch(_stop_at_solids, *self._concerned, self._cells, back)
         self._launcher.launch(_mark_near, *self._concerned, self._crowded, back, ahead, self._near)
 
     def sample(self, back: Displacement, field: wp.array, limits: tuple, ambient: float, results: tuple) -> None:
-        """Samples a field of the cells again where solids are near, and makes it ambient in solids.
+        """Resamples a cell-centred field near solids, and sets it to ambient in solids.
 
         Args:
-            back: to where smoke was.
+            back: displacements to where smoke was.
             field: [nx, ny, nz].
-            limits: first and last place that a trace may end, in cell indices.
+            limits: first and last positions where a trace may end, in cell indices.
             ambient: value of the field outside.
-            results: three arrays [nx, ny, nz] that all take the value where solids are near; may be the same.
+            results: three arrays [nx, ny, nz] that all receive the value near solids; may be the same.
         """
         args = (self._cells, back, field, *limits, ambient, *results)
         self._launcher.launch(_sample_near_solids, *self._concerned, *args)

@@ -1,7 +1,7 @@
-"""What lies between cells beside solids: closed faces on the way of a trace, and cells that open faces connect.
+"""Connections between cells near solids: the first closed face on a trace, and cells that open faces connect.
 
-Traces follow the cells that their straight line crosses (J. Amanatides, A. Woo, *A Fast Voxel Traversal Algorithm for
-Ray Tracing*, 1987).
+Traces step through the cells that their straight line crosses (J. Amanatides, A. Woo, *A Fast Voxel Traversal Algorithm
+for Ray Tracing*, 1987).
 """
 
 import warp as wp
@@ -14,11 +14,11 @@ SHORT = wp.constant(0.999)
 
 @wp.struct
 class SolidCells:
-    """Cells and faces as kernels see them.
+    """Cells and faces in the form that kernels take.
 
-    fluid and held are 1 in cells of fluid now and in the last step; wx, wy, wz are the open shares of faces; crowded is
-    1 where a closed face or a cell that holds no smoke is among the cell and its neighbours; near is 1 where a trace
-    ends in a crowded cell.
+    fluid is 1 in fluid cells; held is 1 in cells whose content is on the same side of every wall as before the step;
+    wx, wy, wz are the open shares of faces; crowded is 1 if the cell or a neighbour has a closed face or is not held;
+    near is 1 if a trace ends in a crowded cell.
     """
 
     fluid: wp.array3d[float]
@@ -32,7 +32,7 @@ class SolidCells:
 
 @wp.func
 def way_to_solid(solids: SolidCells, i: int, j: int, k: int, x: float, y: float, z: float):
-    """Share of the way from the centre of a cell along (x, y, z) to the first closed face; 2 if there is none."""
+    """Returns the share of the path from a cell's centre along (x, y, z) to the first closed face; 2 if none."""
     step_x = 1.0 / wp.abs(x)  # infinite along axes that are not crossed
     step_y = 1.0 / wp.abs(y)
     step_z = 1.0 / wp.abs(z)
@@ -60,7 +60,7 @@ def way_to_solid(solids: SolidCells, i: int, j: int, k: int, x: float, y: float,
             next_z += step_z
         fluid = solids.fluid
         if i < 0 or j < 0 or k < 0 or i >= fluid.shape[0] or j >= fluid.shape[1] or k >= fluid.shape[2]:
-            break  # traces are kept within the domain already
+            break  # traces have already been limited to the domain
         if share == 0.0:
             result = way
             break
@@ -68,12 +68,12 @@ def way_to_solid(solids: SolidCells, i: int, j: int, k: int, x: float, y: float,
     return result
 
 
-# Eight cells from (i, j, k) on are corners numbered in binary, x y z; a set of them is an integer with a bit for each.
+# The eight cells from (i, j, k) on are corners numbered x y z in binary; a set of them is an integer with one bit each.
 
 
 @wp.func
 def _corner(a: wp.array3d[float], i: int, j: int, k: int, corner: int):
-    """The value of a in a corner; in a lattice one cell thick both corners are that cell."""
+    """Returns the value of a in a corner; along an axis of one cell both corners are that cell."""
     x = wp.min(i + corner // 4, a.shape[0] - 1)
     y = wp.min(j + (corner // 2) % 2, a.shape[1] - 1)
     z = wp.min(k + corner % 2, a.shape[2] - 1)
@@ -82,8 +82,8 @@ def _corner(a: wp.array3d[float], i: int, j: int, k: int, corner: int):
 
 @wp.func
 def _connected(solids: SolidCells, i: int, j: int, k: int, start: int):
-    """The set of corners that can be reached from a corner through open faces."""
-    # Bit n of these: the face between corner n and the one after it along the axis is open.
+    """Returns the set of corners that can be reached from a corner through open faces."""
+    # Bit n: the face between corner n and the next one along the axis is open.
     along_x = wp.int32(0)
     along_y = wp.int32(0)
     along_z = wp.int32(0)
@@ -99,7 +99,7 @@ def _connected(solids: SolidCells, i: int, j: int, k: int, start: int):
             if solids.wz[wp.where(a == 1, i1, i), wp.where(b == 1, j1, j), k + 1] > 0.0:
                 along_z = along_z | (1 << (4 * a + 2 * b))
     reached = 1 << start
-    for _ in range(7):  # the longest way meets every corner once
+    for _ in range(7):  # the longest path visits every corner once
         by_x = ((reached & along_x) << 4) | ((reached >> 4) & along_x)
         by_y = ((reached & along_y) << 2) | ((reached >> 2) & along_y)
         by_z = ((reached & along_z) << 1) | ((reached >> 1) & along_z)
@@ -109,10 +109,9 @@ def _connected(solids: SolidCells, i: int, j: int, k: int, start: int):
 
 @wp.func
 def sum_connected(solids: SolidCells, a: wp.array3d[float], x: float, y: float, z: float):
-    """Σ w a and Σ w over the corners around (x, y, z) that are connected with it, w their trilinear weights.
+    """Returns Σ w a and Σ w over the corners around (x, y, z) that are connected with it, w their trilinear weights.
 
-    The place is in cell indices within those of a. Cells that were solid in the last step have
-    no value yet, and weigh nothing.
+    The point is in cell indices within a. Cells that are not held have no valid value and weight 0.
     """
     i = base(x, a.shape[0])
     j = base(y, a.shape[1])

@@ -1,4 +1,4 @@
-"""Which cells are fluid, which faces of cells are open, and how fast closed ones move."""
+"""Which cells are fluid, which faces are open, and how fast closed faces move."""
 
 from collections.abc import Iterable
 
@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.kernel
 def _mark_solid(rows: Rows, lower: wp.vec3i, fraction: wp.array3d[float], fluid_inout: wp.array3d[float]):
-    """Sets fluid = 0 where half of the cell is inside."""
+    """Sets fluid = 0 where at least half of the cell is inside."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
@@ -36,7 +36,7 @@ def _open_faces(
     wy_out: wp.array3d[float],
     wz_out: wp.array3d[float],
 ):
-    """wx_i = fluid_(i−1) fluid_i between cells, fluid on an open side, 0 on a closed one. wy, wz alike."""
+    """wx_i = fluid_(i−1) fluid_i between cells, fluid on an open side, 0 on a closed one; wy, wz likewise."""
     i, j, c = wp.tid()
     i += rows.first
     nx = fluid.shape[0]
@@ -64,7 +64,7 @@ def _open_faces(
 
 @wp.kernel
 def _open_seam(rows: Rows, block: Block, fluid: wp.array3d[float], share_out: wp.array3d[float]):
-    """Sets the share to fluid_before fluid_after, the cells beside the face."""
+    """Sets the share to fluid_before fluid_after of the face's two cells."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
@@ -80,13 +80,13 @@ def _open_seam(rows: Rows, block: Block, fluid: wp.array3d[float], share_out: wp
 
 @wp.func
 def _other_copy(a: wp.array3d[float], block: Block, i: int, j: int, k: int):
-    """The value of the other copy of a face on a periodic side."""
+    """Returns the value of the other copy of a face on a periodic side."""
     return a[i - block.before[0], j - block.before[1], k - block.before[2]]
 
 
 @wp.kernel
 def _close_seam(rows: Rows, block: Block, share_inout: wp.array3d[float]):
-    """Sets the share to the lesser one of the face's two copies."""
+    """Sets the share to the lesser of the face's two copies."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
@@ -99,7 +99,7 @@ def _close_seam(rows: Rows, block: Block, share_inout: wp.array3d[float]):
 
 @wp.kernel
 def _push_seam(rows: Rows, block: Block, u_inout: wp.array3d[float]):
-    """Sets the velocity to the faster one of the face's two copies, for only one may have a solid beside it."""
+    """Sets the velocity to the faster of the face's two copies, as only one may be adjacent to a solid."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
@@ -131,7 +131,7 @@ def _stop_closed(rows: Rows, block: Block, share: wp.array3d[float], u_inout: wp
 def _push_closed(
     rows: Rows, block: Block, share: wp.array3d[float], solid: wp.array3d[float], u_inout: wp.array3d[float]
 ):
-    """Sets u to that of the solid on faces that are not open."""
+    """Sets u to the velocity of the solid on faces that are not open."""
     i, j, c = wp.tid()
     i += rows.first + block.first[0]
     j += block.first[1]
@@ -165,7 +165,7 @@ def open_faces(
     sides: tuple[str, ...],
     shares: tuple[wp.array, wp.array, wp.array],
 ) -> None:
-    """Opens the faces between cells of fluid, across periodic sides too, and on open sides.
+    """Opens the faces between fluid cells, also across periodic sides, and on open sides.
 
     Args:
         launcher: where it runs.
@@ -180,19 +180,19 @@ def open_faces(
 
 
 def mark_solid(launcher: Launcher, lower: tuple[int, int, int], fraction: wp.array, fluid: wp.array) -> None:
-    """Makes cells solid that are half filled.
+    """Makes cells solid that are at least half filled.
 
     Args:
         launcher: where it runs.
         lower: first cell of a box.
         fraction: share of each cell of the box inside a wall.
-        fluid: [nx, ny, nz], set to 0 there.
+        fluid: [nx, ny, nz], set to 0 in solid cells.
     """
     launcher.launch(_mark_solid, fraction.shape, wp.vec3i(*lower), fraction, fluid)
 
 
 def close_seams(launcher: Launcher, sides: tuple[str, ...], shares: tuple[wp.array, wp.array, wp.array]) -> None:
-    """Closes faces on periodic sides of which one copy is closed, for only one may be in the box of a wall.
+    """Closes faces on periodic sides if either copy is closed, as only one may be in the box of a wall.
 
     Args:
         launcher: where it runs.
@@ -203,12 +203,12 @@ def close_seams(launcher: Launcher, sides: tuple[str, ...], shares: tuple[wp.arr
 
 
 def push_seams(launcher: Launcher, sides: tuple[str, ...], fields: Iterable[tuple[int, wp.array]]) -> None:
-    """Gives both copies of faces on periodic sides the greater of what they have, likewise.
+    """Gives both copies of each face on periodic sides the value of the copy with the greater magnitude.
 
     Args:
         launcher: where it runs.
         sides: open, closed or periodic for each of -x +x -y +y -z +z.
-        fields: axes, and what the faces across them have, changed.
+        fields: axes, and values on the faces across them, changed.
     """
     _join_copies(launcher, _push_seam, sides, fields)
 
@@ -216,7 +216,7 @@ def push_seams(launcher: Launcher, sides: tuple[str, ...], fields: Iterable[tupl
 def _join_copies(
     launcher: Launcher, kernel: wp.Kernel, sides: tuple[str, ...], fields: Iterable[tuple[int, wp.array]]
 ) -> None:
-    """Makes the last copy of each face on periodic sides from both, and the first the same."""
+    """Computes the last copy of each face on periodic sides from both, then copies it to the first."""
     for axis, field in fields:
         if sides[2 * axis] == "periodic":
             cells = tuple(n - (a == axis) for a, n in enumerate(field.shape))
@@ -232,8 +232,8 @@ def hold_closed(launcher: Launcher, patch: Patch, share: wp.array, solid: wp.arr
     Args:
         launcher: where it runs.
         patch: faces across an axis.
-        share: open share of each.
-        solid: their velocity [m/s]; None = all solids stand.
+        share: open share of each face.
+        solid: velocity of the solids on these faces [m/s]; None = all solids are at rest.
         faces: velocity across that axis [m/s], changed.
     """
     if solid is None:
@@ -243,12 +243,12 @@ def hold_closed(launcher: Launcher, patch: Patch, share: wp.array, solid: wp.arr
 
 
 def empty_solids(launcher: Launcher, fluid: wp.array, field: wp.array, ambient: float) -> None:
-    """Makes a field of the cells ambient in solids.
+    """Sets a cell-centred field to ambient in solids.
 
     Args:
         launcher: where it runs.
         fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz].
         field: [nx, ny, nz], changed.
-        ambient: its value there.
+        ambient: value to set.
     """
     launcher.launch(_empty, field.shape, fluid, ambient, field)

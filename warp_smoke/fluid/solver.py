@@ -1,7 +1,7 @@
 """Stable fluids: the smoke of one domain, step by step.
 
 J. Stam, *Stable Fluids*, 1999; R. Fedkiw, J. Stam, H. W. Jensen, *Visual Simulation of Smoke*, 2001. A step emits, adds
-forces, diffuses the velocity and projects it, carries all fields along it, and diffuses and dissipates the smoke.
+forces, diffuses and projects the velocity, advects all fields along it, and diffuses and dissipates the smoke.
 """
 
 from collections.abc import Callable, Mapping
@@ -42,17 +42,17 @@ class SmokeSolver:
     Attributes:
         state: the fields.
         solids: the colliders on the lattice, or None.
-        on_substep: called in each step after all forces and before the pressure, with this solver, the time code of
-            the step's end and its seconds; or None. What it adds to the velocity is projected and carried along.
+        on_substep: called in each step after all forces and before the pressure, with this solver, the time code at
+            the step's end and the step's length [s]; or None. What it adds to the velocity is projected and advected.
     """
 
     def __init__(self, launcher: Launcher, plan: "DomainPlan", timings: Timings):
-        """Allocates; steps allocate nothing on the device, except where a mesh outgrows its box.
+        """Allocates; steps allocate nothing on the device unless a mesh outgrows its box.
 
         Args:
             launcher: where it runs.
             plan: the domain, its lattice and what runs in it.
-            timings: takes the time of each pass.
+            timings: records the time of each pass.
         """
         self._launcher, self._timings, self._passes = launcher, timings, frozenset(plan.passes)
         self._domain, self._lattice = plan.domain, plan.lattice
@@ -88,7 +88,7 @@ class SmokeSolver:
         return name in self._passes
 
     def begin(self, time: float) -> None:
-        """Makes the first frame: air at rest or in the wind, and what the emitters hold.
+        """Makes the first frame: air at rest or moving with the wind, and the values that emitters hold.
 
         Args:
             time: time code.
@@ -107,12 +107,12 @@ class SmokeSolver:
                 empty_solids(self._launcher, fluid, state.temperature, self._domain.ambient_temperature)
 
     def advance(self, start: float, end: float, seconds: float) -> StepReport:
-        """Advances the smoke in as many steps as the Courant number calls for.
+        """Advances the smoke in as many steps as the Courant number requires.
 
         Args:
             start: time code.
             end: time code.
-            seconds: of smoke between them [s].
+            seconds: simulated time between them [s].
 
         Raises:
             NotFiniteError: a field is not finite.
@@ -133,17 +133,17 @@ class SmokeSolver:
         return join_reports(reports)
 
     def save(self) -> dict[str, np.ndarray]:
-        """Copies all that later steps depend on to the host, by name; `load` takes it back."""
+        """Copies everything that later steps depend on to the host, by name; `load` restores it."""
         return self.state.save()
 
     def load(self, saved: Mapping[str, np.ndarray], first: float, time: float) -> None:
-        """Goes on from what `save` gave; steps are then the same to the bit as if nothing had been in between.
+        """Restores what `save` returned; the following steps are bit-identical to those of an uninterrupted run.
 
         Args:
-            saved: by a solver of the same plan.
-            first: time code of the first frame. Meshes are placed there before: which triangle a query finds among
-                several at one distance follows from the shape that the hierarchy was given at first.
-            time: time code at which it was saved.
+            saved: arrays saved by a solver of the same plan.
+            first: time code of the first frame. Meshes are placed there first, because which of several equally distant
+                triangles a query finds depends on the shape for which the bounding volume hierarchy was built.
+            time: time code at which the state was saved.
         """
         for placed in (first, time):
             self._place_colliders(placed, placed, 0.0)
@@ -157,7 +157,7 @@ class SmokeSolver:
         Args:
             start: time code.
             end: time code.
-            dt: seconds of smoke between them [s].
+            dt: simulated time between them [s].
 
         Raises:
             NotFiniteError: a field is not finite.
@@ -178,7 +178,7 @@ class SmokeSolver:
         return replace(report, diffusion=max(report.diffusion, diffusion))
 
     def _count_steps(self, seconds: float, speed: float) -> int:
-        """Steps that keep (max|u| + a dt) dt within the limit, a the largest acceleration by forces."""
+        """Returns how many steps keep (max|u| + a dt) dt within the limit, a the largest acceleration by forces."""
         acceleration = self._forces.acceleration(self._guard.density, self._guard.temperature)
         reach = self._domain.max_courant * self._lattice.h  # how far smoke may go in a step [m]
         steps = seconds * (speed + sqrt(speed * speed + 4.0 * acceleration * reach)) / (2.0 * reach)
@@ -204,7 +204,7 @@ class SmokeSolver:
                         source.emit_velocity(interval, state.velocity)
 
     def _add_forces(self, start: float, end: float, dt: float) -> float:
-        """Returns the share of the confinement that its cap let through."""
+        """Adds the forces; returns the share of the confinement that its cap allowed."""
         share = self._forces.add(self.state, start, end, dt) if self._flows else 1.0
         if self.on_substep:
             self._guard.interferes = True
@@ -213,7 +213,7 @@ class SmokeSolver:
         return share
 
     def _diffuse_velocity(self, dt: float) -> float:
-        """Returns the bound on the error of diffusion."""
+        """Diffuses the velocity; returns the bound on the error."""
         if not self._has("diffuse_velocity"):
             return 0.0
         r = diffusion_number(self._domain.viscosity, dt, self._lattice.h)
@@ -223,7 +223,7 @@ class SmokeSolver:
             return max(self._diffusion.diffuse(axis, faces, r) for axis, faces in enumerate(self.state.velocity))
 
     def _diffuse_scalars(self, dt: float) -> float:
-        """Returns the bound on the error of diffusion."""
+        """Diffuses density and temperature; returns the bound on the error."""
         domain, state, error = self._domain, self.state, 0.0
         if self._has("diffuse_density"):
             error = self._diffuse_scalar("diffuse_density", state.density, domain.density_diffusion, dt, 0.0, 0.0)

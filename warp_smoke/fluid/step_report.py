@@ -11,12 +11,12 @@ class StepReport:
     """What the solver did in one step or frame.
 
     Attributes:
-        substeps: how many steps.
-        courant: largest max|u| dt / h that anything was carried with.
+        substeps: number of steps.
+        courant: largest max|u| dt / h of any advection.
         speed: largest |velocity component| at the end [m/s].
-        pressure: how well each step's pressure was solved for; empty where nothing flows.
-        confinement: smallest share of the vorticity confinement asked for that its cap on kinetic energy let through.
-        diffusion: largest bound on the error of diffusion, as a share of the change; 0 where it is exact.
+        pressure: status of each step's pressure solve; empty if nothing flows.
+        confinement: smallest share of the requested vorticity confinement that its cap on kinetic energy allowed.
+        diffusion: largest bound on the error of diffusion, as a share of the change; 0 if diffusion is exact.
     """
 
     substeps: int = 1
@@ -28,7 +28,7 @@ class StepReport:
 
 
 def join_reports(reports: Sequence[StepReport]) -> StepReport:
-    """Of the steps of a frame, the report of that frame."""
+    """Joins the reports of a frame's steps into that of the frame."""
     return StepReport(
         substeps=len(reports),
         courant=max(report.courant for report in reports),

@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def face_sums(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float], i: int, j: int, k: int):
-    """Twice the velocity in the centre of a cell: the sums over its faces across x, y and z."""
+    """Returns twice the velocity at the centre of a cell: the sums over its faces across x, y and z."""
     fu = dense(u)
     fv = dense(v)
     fw = dense(w)
@@ -24,7 +24,7 @@ def face_sums(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float], 
 
 @wp.func
 def velocity_at(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float], x: wp.vec3):
-    """The velocity at a place in cell indices, or at the sample nearest to it."""
+    """Returns the velocity at a point in cell indices, clamped to the samples."""
     last_x = float(v.shape[0] - 1)
     last_y = float(u.shape[1] - 1)
     last_z = float(u.shape[2] - 1)
@@ -40,7 +40,7 @@ def velocity_at(u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float]
 
 @wp.struct
 class Displacement:
-    """How far each cell's smoke goes along x, y and z, each [nx, ny, nz] [cells]."""
+    """Displacement of each cell's smoke along x, y and z, each [nx, ny, nz] [cells]."""
 
     x: wp.array3d[float]
     y: wp.array3d[float]
@@ -48,7 +48,7 @@ class Displacement:
 
 
 def make_displacement(launcher: Launcher, shape: tuple[int, int, int]) -> Displacement:
-    """Displacements of 0."""
+    """Allocates displacements of 0."""
     made = Displacement()
     made.x, made.y, made.z = (launcher.zeros(shape, "advection") for _ in range(3))
     return made
@@ -56,7 +56,7 @@ def make_displacement(launcher: Launcher, shape: tuple[int, int, int]) -> Displa
 
 @wp.func
 def shortened(i: int, j: int, k: int, d: wp.vec3, lower: wp.vec3, upper: wp.vec3):
-    """The displacement d of a cell, shortened to end within [lower, upper]."""
+    """Returns the displacement d of a cell, shortened to end within [lower, upper]."""
     x = float(i)
     y = float(j)
     z = float(k)
@@ -79,11 +79,11 @@ def store_displacement(i: int, j: int, k: int, d: wp.vec3, d_out: Displacement):
 
 
 def tracing_kernel(rule: wp.Function, module: str) -> wp.Kernel:
-    """Makes the kernel that traces backwards by a rule.
+    """Makes the kernel that traces backward by an integration rule.
 
     Args:
-        rule: gives the displacement of cell (i, j, k) by (u, v, w, step, i, j, k).
-        module: that the kernel is compiled with.
+        rule: (u, v, w, step, i, j, k) → displacement of cell (i, j, k).
+        module: name of the module that the kernel is compiled with.
     """
 
     @wp.kernel(name=f"trace_{rule.key}", module=wp.get_module(module))
@@ -98,7 +98,7 @@ def tracing_kernel(rule: wp.Function, module: str) -> wp.Kernel:
         upper: wp.vec3,
         d_out: Displacement,
     ):
-        """Displacement d by the rule, s = dt / h the step, and x + d kept within [lower, upper]."""
+        """Displacement d by the rule with step s = dt / h, and x + d kept within [lower, upper]."""
         i, j, c = wp.tid()
         i += rows.first + block.first[0]
         j += block.first[1]
@@ -123,7 +123,7 @@ trace_by_midpoint = tracing_kernel(by_midpoint, __name__)
 
 
 def trace_limits(shape: tuple[int, int, int], sides: tuple[str, ...]) -> tuple[wp.vec3, wp.vec3]:
-    """Where traces end, lower and upper, in cell indices: on closed sides, and a cell's centre beyond open ones."""
+    """Returns where traces end, in cell indices: on closed sides, and at the first cell centre beyond open ones."""
     lower = [-0.5 if side == "closed" else -1.0 for side in sides[0::2]]
     upper = [n - (0.5 if side == "closed" else 0.0) for n, side in zip(shape, sides[1::2], strict=True)]
     return wp.vec3(*lower), wp.vec3(*upper)

@@ -1,8 +1,8 @@
 """Modes of the Laplacian along the axes of a lattice: discrete cosine and sine transforms.
 
-Along an axis the samples of a field lie half a cell within its ends (cells) or on them (faces across the axis), and at
-each end the field is continued even (its slope is 0 there) or odd (its value is 0 there). The second difference
-a_(m−1) − 2 a_m + a_(m+1) then has the eigenvalues −λ, λ_m = 2 − 2 cos(π s / n), n cells, and its eigenvectors are a
+Along an axis the samples of a field lie half a cell inside its ends (cells) or on them (faces across the axis), and at
+each end the field is extended evenly (its slope is 0 there) or oddly (its value is 0 there). The second difference
+a_(m−1) − 2 a_m + a_(m+1) then has the eigenvalues −λ, λ_m = 2 − 2 cos(π s / n) for n cells, and its eigenvectors form a
 discrete cosine or sine transform (G. Strang, *The Discrete Cosine Transform*, 1999):
 
     ends        cells   s       faces    s
@@ -31,7 +31,7 @@ EVEN, ODD, PERIODIC = "even", "odd", "periodic"
 
 
 def _hartley(a: np.ndarray, axis: int, overwrite_x: bool = False, workers: int | None = None) -> np.ndarray:
-    """The Hartley transform of real numbers along an axis, orthonormal, and so its own inverse."""
+    """Computes the orthonormal Hartley transform of real numbers along an axis, which is its own inverse."""
     spectrum = np.moveaxis(scipy.fft.rfft(a, axis=axis, norm="ortho", workers=workers), axis, 0)
     result = a if overwrite_x else np.empty_like(a)
     modes, n = np.moveaxis(result, axis, 0), a.shape[axis]
@@ -84,8 +84,8 @@ class Modes:
 
     Attributes:
         first, stop: the samples that have modes; the others are 0.
-        forward, inverse: from samples to modes and back, as in scipy.fft, without their number.
-        eigenvalues: λ of each mode, [samples] float64; 0 where there is none.
+        forward, inverse: transforms from samples to modes and back, called like those of scipy.fft without type.
+        eigenvalues: λ of each mode, [samples] float64; 0 for samples without a mode.
     """
 
     first: int
@@ -95,7 +95,7 @@ class Modes:
     eigenvalues: np.ndarray
 
     def matrix(self, transform: Callable) -> np.ndarray:
-        """A transform as a matrix over all samples, [samples, samples] float64."""
+        """Returns a transform as a matrix over all samples, [samples, samples] float64."""
         matrix = np.zeros((len(self.eigenvalues),) * 2)
         inner = slice(self.first, self.stop)
         matrix[inner, inner] = transform(np.eye(self.stop - self.first), axis=0)
@@ -103,7 +103,7 @@ class Modes:
 
 
 def cell_modes(n: int, lower: str, upper: str) -> Modes:
-    """Orthonormal modes of the n cells along an axis between two ends, each even or odd, or both periodic."""
+    """Returns the orthonormal modes of the n cells along an axis with two ends, each even or odd, or both periodic."""
     if lower == PERIODIC:
         return Modes(0, n, _hartley, _hartley, 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(n) / n))
     forward, inverse, kind, shift = _CELLS[lower, upper]
@@ -112,7 +112,7 @@ def cell_modes(n: int, lower: str, upper: str) -> Modes:
 
 
 def face_modes(n: int, lower: str, upper: str) -> Modes:
-    """Modes of the n + 1 faces across an axis of n cells between two ends, each even or odd, or both periodic."""
+    """Returns the modes of the n + 1 faces across an axis of n cells; ends are each even or odd, or both periodic."""
     if lower == PERIODIC:
         cells = cell_modes(n, lower, upper)
         return Modes(0, n, _hartley, _hartley, np.append(cells.eigenvalues, 0.0))
@@ -120,19 +120,19 @@ def face_modes(n: int, lower: str, upper: str) -> Modes:
     first, stop = int(lower == ODD), n + int(upper == EVEN)
     eigenvalues = np.zeros(n + 1)
     eigenvalues[first:stop] = 2.0 - 2.0 * np.cos(np.pi * (np.arange(stop - first) + shift) / n)
-    # Not orthonormal: that would give samples on the ends another weight.
+    # Not orthonormal: that would change the weight of samples on the ends.
     return Modes(first, stop, *(partial(each, type=kind) for each in (forward, inverse)), eigenvalues)
 
 
 class FastTransforms:
-    """To modes along some axes and back in O(n log n), by scipy.fft on the CPU."""
+    """Transforms to modes along some axes and back in O(n log n), by scipy.fft on the CPU."""
 
     def __init__(self, launcher: Launcher, modes: dict[int, Modes]):
         """Prepares.
 
         Args:
-            launcher: whose number of threads is used.
-            modes: by axis, in the order of the transforms forward.
+            launcher: gives the number of threads.
+            modes: modes by axis, in the order of the forward transforms.
         """
         self._threads = launcher.threads
         self._inner = tuple(slice(modes[a].first, modes[a].stop) if a in modes else slice(None) for a in range(3))
@@ -158,16 +158,16 @@ class FastTransforms:
 
 
 class MatrixTransforms:
-    """To modes along some axes and back by matrices of eigenvectors, on any device."""
+    """Transforms to modes along some axes and back by matrices of eigenvectors, on any device."""
 
     def __init__(self, launcher: Launcher, modes: dict[int, Modes], shape: tuple[int, int, int], label: str):
         """Prepares.
 
         Args:
             launcher: where it runs.
-            modes: by axis, in the order of the transforms forward.
-            shape: of the field.
-            label: of its memory.
+            modes: modes by axis, in the order of the forward transforms.
+            shape: shape of the field.
+            label: label under which memory is counted.
         """
         self._launcher, self._shape = launcher, shape
         self._forward = [(axis, self._upload(each.matrix(each.forward), label)) for axis, each in modes.items()]

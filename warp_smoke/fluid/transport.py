@@ -20,7 +20,7 @@ from warp_smoke.timing import Timings
 if TYPE_CHECKING:
     from warp_smoke.plan import DomainPlan
 
-# A step has no more parts than this; the Courant number may then exceed the domain's limit: the smoke stays stable.
+# Most parts of a step; beyond that the Courant number may exceed the domain's limit, but the smoke stays stable.
 MAX_PARTS = 1000
 # A Courant number that exceeds the limit by round-off is not worth another step.
 ROUND_OFF = 1e-5
@@ -30,7 +30,7 @@ class Transport:
     """Advection in one domain, by the plan's scheme, in the active box if it has one.
 
     Attributes:
-        wind: the wind that comes in through open sides, or None.
+        wind: the wind that enters through open sides, or None.
     """
 
     def __init__(
@@ -48,10 +48,10 @@ class Transport:
         Args:
             launcher: where it runs.
             plan: the domain, its lattice and what runs in it.
-            timings: takes the time of each pass.
-            guard: of the same domain.
+            timings: records the time of each pass.
+            guard: guard of the same domain.
             halo: ghost cells beyond periodic sides, or None.
-            boundary: the colliders as advection sees them, among the ghost cells, or None.
+            boundary: the colliders as a boundary for advection, on the lattice with ghost cells if any, or None.
             solids: the colliders on the lattice, or None.
         """
         self._launcher, self._plan, self._timings, self._guard, self._solids = launcher, plan, timings, guard, solids
@@ -68,14 +68,14 @@ class Transport:
         self.wind = Wind(launcher, lattice, domain.wind) if windy else None
 
     def advect(self, state: SmokeState, dt: float) -> tuple[float, float]:
-        """Carries all fields along the velocity.
+        """Advects all fields along the velocity.
 
         Args:
-            state: of the smoke, changed; its velocity free of divergence.
+            state: state of the smoke, changed; its velocity is divergence-free.
             dt: [s].
 
         Returns:
-            The Courant number of each part of the step, and the largest speed that is left [m/s].
+            The Courant number of each part of the step, and the largest speed afterwards [m/s].
         """
         timings, h, wind = self._timings, self._plan.lattice.h, self.wind
         speed, energy = self._guard.motion("project_pressure")
@@ -98,7 +98,7 @@ class Transport:
         return courant / parts, speed
 
     def _advect_once(self, state: SmokeState) -> None:
-        """Carries all fields along the traces."""
+        """Advects all fields along the traces."""
         timings, wind = self._timings, self.wind
         with timings.measure("advect_velocity"):
             state.velocity = self._advection.advect_velocity(state.velocity, wind.velocity if wind else None)
@@ -113,7 +113,7 @@ class Transport:
                 state.temperature = self._advection.advect_scalar(state.temperature, ambient)
 
     def _fit_active_box(self, state: SmokeState, courant: float) -> None:
-        """Carries what moves, and nothing else; follows a measure of the motion."""
+        """Limits advection to what moves, by the last measured motion."""
         measures, lattice = self._guard.measures, self._plan.lattice
         fast = measures.fast_air(FAST)
         smoke = measures.departed(state.density, 0.0, self._density)

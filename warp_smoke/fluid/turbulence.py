@@ -1,13 +1,13 @@
-"""Turbulence: a force without divergence that stirs all air, or that inside of emitters, the curl of noise.
+"""Turbulence: a divergence-free force, the curl of noise, that stirs all air or the air inside emitters.
 
 R. Bridson, J. Hourihan, M. Nordenstam, *Curl-Noise for Procedural Fluid Flow*, 2007. The potential's components are
-gradient noise (K. Perlin, *Improving Noise*, 2002) on the edges of the cells, so the curl on their faces is free of
-divergence to round-off, and pressure takes none of it away. In time the gradients turn (K. Perlin, F. Neyret, *Flow
-Noise*, 2001), each about an axis and at a speed of its own.
+gradient noise (K. Perlin, *Improving Noise*, 2002) on the edges of the cells, so the curl on their faces is
+divergence-free to round-off, and the pressure removes none of it. Over time the gradients rotate (K. Perlin, F. Neyret,
+*Flow Noise*, 2001), each about its own axis and at its own speed.
 
-The noise's nodes are an eddy apart, so gradients are few. A row of cells needs only the blend, across the row, of the
-ramps that belong to the four lines of nodes around it: n = lerp(a_m + b_m f, a_(m+1) + b_(m+1) (f − 1), fade(f)), f the
-way from node m to the next along the row.
+The noise's nodes are an eddy apart, so gradients are few. A row of cells needs only the ramps of the four lines of
+nodes around it, blended across the row: n = lerp(a_m + b_m f, a_(m+1) + b_(m+1) (f − 1), fade(f)), where f is the
+position along the row from node m to the next.
 """
 
 from math import sqrt
@@ -24,11 +24,11 @@ from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
 
-# Root mean square of the curl of three such noises with nodes 1 apart: measured over 60 times of 8³ eddies.
+# Root mean square of the curl of three such noises with nodes 1 apart: measured on 8³ eddies at 60 times.
 _MEAN_CURL = 1.204
-# Largest component, as a multiple of it: measured 2.9.
+# Bound on the largest component, as a multiple of the root mean square: measured 2.9.
 PEAK = 4.0
-# Standard deviation of the turning speeds: after its time an eddy has e^(−2²/2) = 14 % in common with what it was.
+# Standard deviation of the turning speeds: after one lifetime an eddy's correlation with its past is e^(−2²/2) = 14 %.
 _MEAN_SPIN = wp.constant(2.0)
 
 
@@ -40,7 +40,7 @@ def _draw_gradients(
     second_out: wp.array3d[wp.vec3],
     spin_out: wp.array3d[float],
 ):
-    """Draws for each node two unit vectors at right angles and a speed, the same for a node whatever their number."""
+    """Draws two perpendicular unit vectors and a speed for each node, independent of the number of nodes."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
@@ -64,7 +64,7 @@ def _turn_gradients(
     time: float,
     gradient_out: wp.array3d[wp.vec3],
 ):
-    """Turning: g = cos(ω t) first + sin(ω t) second."""
+    """Rotation: g = cos(ω t) first + sin(ω t) second."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
@@ -77,7 +77,7 @@ def _turn_gradients(
 
 @wp.func
 def _fade(t: float):
-    """Weight of the next node, 0 to 1: 6 t⁵ − 15 t⁴ + 10 t³."""
+    """Returns the weight of the next node, 0 to 1: 6 t⁵ − 15 t⁴ + 10 t³."""
     return t * t * t * (t * (6.0 * t - 15.0) + 10.0)
 
 
@@ -147,7 +147,7 @@ def _stir(
     strength: float,
     u_inout: wp.array3d[float],
 ):
-    """Curl: u += strength ((c(x + first) − c(x)) − (b(x + second) − b(x))), first and second the next axes in turn."""
+    """Curl: u += strength ((c(x + first) − c(x)) − (b(x + second) − b(x))), the next two axes in cyclic order."""
     i, j, n = wp.tid()
     i += rows.first
     b0 = dense(b)
@@ -175,7 +175,7 @@ def _stir_inside(
     strength: float,
     u_inout: wp.array3d[float],
 ):
-    """Curl as in `_stir`, times the mean share of the cells beside the face that is inside."""
+    """Curl as in `_stir`, times the mean inside share of the face's two cells."""
     i, j, n = wp.tid()
     i += rows.first + faces.first[0]
     j += faces.first[1]
@@ -202,13 +202,13 @@ class Turbulence:
         Args:
             launcher: where it runs.
             lattice: cells of the domain.
-            strength: root mean square of the acceleration [m/s²]; the largest one if it is not the same everywhere.
+            strength: root mean square of the acceleration [m/s²]; its largest value if it varies.
             scale: size of the eddies [m], at least two cells; None = an eighth of the domain's longest side.
         """
         self._launcher = launcher
         eddies = place_eddies(lattice, scale)
         self._scale, self._rings = eddies.scale, eddies.rings
-        # An eddy changes in the time in which the force moves air across it.
+        # An eddy changes over the time in which the force moves air across it.
         self._lasts = sqrt(self._scale * lattice.h / strength)
         self._place, self._scales = (lattice.shape, lattice.sides), wp.vec3(*eddies.spacing)
         corners, nodes = tuple(n + 1 for n in lattice.shape), eddies.nodes
@@ -219,7 +219,7 @@ class Turbulence:
         self._axes = [wp.vec3i(*(int(a == axis) for a in range(3))) for axis in range(3)]
 
     def _draw(self, seed: int, nodes: tuple[int, int, int]) -> tuple:
-        """What the gradients of one component are made of."""
+        """Draws the two vectors and the speed of each gradient of one component."""
         first, second = (self._launcher.zeros(nodes, "turbulence", wp.vec3) for _ in range(2))
         spin = self._launcher.zeros(nodes, "turbulence")
         self._launcher.launch(_draw_gradients, nodes, seed, first, second, spin)
@@ -230,10 +230,10 @@ class Turbulence:
         return first, second, spin
 
     def turn(self, time: float) -> None:
-        """Makes the noise of a time.
+        """Makes the noise for a time.
 
         Args:
-            time: of the smoke [s].
+            time: simulated time [s].
         """
         launch, gradient, ramps = self._launcher.launch, self._gradient, self._ramps
         for axis, (drawn, potential) in enumerate(zip(self._drawn, self._potential, strict=True)):
@@ -255,10 +255,10 @@ class Turbulence:
         join_seams(self._launcher, *self._place, velocity)
 
     def add_inside(self, source: Source, velocity: tuple, strength: float, dt: float) -> None:
-        """Likewise inside of an emitter, as far as its cells and faces are; nothing on closed sides.
+        """Adds dt times the force inside an emitter, weighted by the share that is inside; none on closed sides.
 
         Args:
-            source: the emitter where it stands.
+            source: the emitter, placed at its current position.
             velocity: u, v, w on faces [m/s], changed.
             strength: root mean square of the acceleration [m/s²].
             dt: [s].
@@ -270,7 +270,7 @@ class Turbulence:
         join_seams(self._launcher, *self._place, velocity)
 
     def _noise(self, axis: int) -> tuple:
-        """The next two axes in turn, and the components of the potential along them."""
+        """Returns the next two axes in cyclic order, and the components of the potential along them."""
         b, c = (axis + 1) % 3, (axis + 2) % 3
         return self._axes[b], self._axes[c], self._potential[b], self._potential[c]
 

@@ -1,7 +1,7 @@
 """Traces both ways at once: where the smoke came from in one step, and where it goes.
 
-The second follows from the first. d = −s u + ½ s² u·∇u + O(s³) is the displacement backwards, s = dt / h, and its
-counterpart forwards is e = s u + ½ s² u·∇u + O(s³): their difference is 2 s u.
+The forward trace follows from the backward one. The backward displacement is d = −s u + ½ s² u·∇u + O(s³), s = dt / h,
+and the forward one is e = s u + ½ s² u·∇u + O(s³): their difference is 2 s u.
 """
 
 import warp as wp
@@ -14,7 +14,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 def two_way_kernel(rule: wp.Function, module: str) -> wp.Kernel:
-    """Makes the kernel that traces both ways by a rule; arguments as for `tracing_kernel`."""
+    """Makes the kernel that traces both ways by an integration rule; arguments as for `tracing_kernel`."""
 
     @wp.kernel(name=f"trace_both_ways_{rule.key}", module=wp.get_module(module))
     def trace(

@@ -1,4 +1,4 @@
-"""Advection schemes that may leave the range of their samples: to show what limiting costs and saves, not for smoke."""
+"""Advection schemes without limiters: to show what limiting costs and prevents, not for simulating smoke."""
 
 from math import inf
 
@@ -15,19 +15,19 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def _sample_unlimited(a: wp.array3d[float], x: float, y: float, z: float):
-    """Tricubic value of a at (x, y, z)."""
+    """Returns the tricubic value of a at (x, y, z)."""
     value, _, _ = sample_cubic(a, x, y, z)
     return value
 
 
 class UnlimitedCubic(SemiLagrangian):
-    """`CubicSemiLagrangian` without its limits."""
+    """`CubicSemiLagrangian` without its limiter."""
 
     _kernel = sampling_kernel(_sample_unlimited, __name__)
 
 
 class UnlimitedMacCormack(MacCormack):
-    """`MacCormack` without its limits, but for cells beside solids."""
+    """`MacCormack` without its limiter, except in cells near solids."""
 
     def __init__(self, launcher: Launcher, *args, **options):
         """Allocates; arguments as for `SemiLagrangian`."""
@@ -44,10 +44,10 @@ class UnlimitedMacCormack(MacCormack):
 
 
 class UnlimitedBfecc(UnlimitedMacCormack, Bfecc):
-    """`Bfecc` without its limits."""
+    """`Bfecc` without its limiter."""
 
 
-# By the names of the schemes that they differ from.
+# By the name of the limited scheme.
 UNLIMITED_SCHEMES = {
     "semi_lagrangian_cubic": UnlimitedCubic,
     "maccormack": UnlimitedMacCormack,

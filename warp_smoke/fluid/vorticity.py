@@ -1,4 +1,4 @@
-"""Vorticity confinement, which gives back swirls that advection has smoothed away, and no more than that.
+"""Vorticity confinement, which restores swirls that advection has smoothed away, but adds no more energy than that.
 
 R. Fedkiw, J. Stam, H. W. Jensen, *Visual Simulation of Smoke*, 2001, eqs. 9–11: f = ε h (N × ω), N = ∇|ω| / |∇|ω||.
 """
@@ -15,13 +15,13 @@ from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
 
-# Ghosts that the force reaches: the gradient of differences.
+# Ghosts that the force needs: it is a gradient of differences.
 _REACH = 2
 
 
 @wp.func
 def _inverse_width(lower: int, upper: int, h: float):
-    """1 / (2 distance between two cells' centres); 0 for a cell and itself."""
+    """Returns 1 / (2 distance between two cells' centres); 0 if they are the same cell."""
     return wp.where(upper > lower, 0.5 / (float(upper - lower) * h), 0.0)
 
 
@@ -29,7 +29,7 @@ def _inverse_width(lower: int, upper: int, h: float):
 def _curl(
     u: wp.array3d[float], v: wp.array3d[float], w: wp.array3d[float], h: float, i: int, j: int, k: int, k0: int, k1: int
 ):
-    """∇ × u at a cell: differences between the mean velocities of its neighbours; k0 and k1 are those along k."""
+    """Returns ∇ × u at a cell from differences of its neighbours' mean velocities; k0 and k1 are those along k."""
     fu = dense(u)
     fv = dense(v)
     fw = dense(w)
@@ -71,7 +71,7 @@ def _measure_vorticity(
     nz = size_out.shape[2]
     k = wp.max(c * rows.run, 0)
     end = wp.min(k + rows.run, nz)
-    # The ends of a row by themselves: with clamped neighbours inside, the loop would not be vectorised.
+    # The ends of a row are separate: with clamped neighbours in the loop it would not be vectorised.
     if k == 0:
         x, y, z = _curl(u, v, w, h, i, j, 0, 0, wp.min(1, nz - 1))
         ox[i, j, 0] = bits(x)
@@ -142,36 +142,36 @@ def _confine(
 
 
 def measure_vorticity(launcher: Launcher, velocity: tuple, h: float, vorticity: tuple, size: wp.array) -> None:
-    """Vorticity ω = ∇ × u at cell centres; exact for velocities that are linear in space.
+    """Computes the vorticity ω = ∇ × u at cell centres; exact for velocities that are linear in space.
 
     Args:
         launcher: where it runs.
         velocity: u, v, w on faces [m/s].
         h: side of a cell [m].
-        vorticity: along x, y, z, each [nx, ny, nz] [1/s], written.
+        vorticity: ω along x, y, z, each [nx, ny, nz] [1/s], written.
         size: |ω|, [nx, ny, nz] [1/s], written.
     """
     launcher.launch(_measure_vorticity, size.shape, *velocity, h, *vorticity, size)
 
 
 def capped_scale(work: float, square: float, cap: float) -> float:
-    """The largest s in [0, 1] with s · work + s² · square ≤ cap.
+    """Returns the largest s in [0, 1] with s · work + s² · square ≤ cap.
 
     Args:
         work: A, first-order gain of energy.
-        square: B ≥ 0, second-order gain.
-        cap: ≥ 0.
+        square: B ≥ 0, second-order gain of energy.
+        cap: limit of the gain, ≥ 0.
     """
     if work + square <= cap:
         return 1.0
-    # The positive root of B s² + A s − cap, in the form that does not cancel.
+    # The positive root of B s² + A s − cap, in the form without cancellation.
     root = hypot(work, 2.0 * sqrt(square) * sqrt(cap))
     scale = 2.0 * cap / (work + root) if work > 0.0 else (root - work) / (2.0 * square)
     return min(scale, 1.0)
 
 
 class VorticityConfinement:
-    """Confinement of a strength ε that never makes more kinetic energy than it is allowed."""
+    """Confinement of strength ε that never adds more kinetic energy than allowed."""
 
     def __init__(
         self, launcher: Launcher, shape: tuple[int, int, int], sides: tuple[str, ...], h: float, measures: Measures
@@ -183,7 +183,7 @@ class VorticityConfinement:
             shape: cells along each axis (nx, ny, nz).
             sides: open, closed or periodic for each of -x +x -y +y -z +z.
             h: side of a cell [m].
-            measures: of the same lattice.
+            measures: measures on the same lattice.
         """
         self._launcher, self._h, self._measures = launcher, h, measures
         self._force = self._inner_force = tuple(launcher.zeros(shape, "vorticity") for _ in range(3))
@@ -198,7 +198,7 @@ class VorticityConfinement:
     def add(self, velocity: tuple, strength: float, dt: float, cap: float) -> float:
         """Adds s dt ε h (N × ω) with the largest s ≤ 1 that keeps the gain of kinetic energy within the cap.
 
-        With f_face = ½ (f₋ + f₊), Σ_faces f_face² ≤ Σ_cells |f|²: the cap may be missed from below, never exceeded.
+        With f_face = ½ (f₋ + f₊), Σ_faces f_face² ≤ Σ_cells |f|²: the gain may stay below the cap but never exceeds it.
 
         Args:
             velocity: u, v, w on faces [m/s], changed.
@@ -217,7 +217,7 @@ class VorticityConfinement:
         return scale
 
     def _measure_force(self, velocity: tuple, strength: float) -> None:
-        """Makes the force ε h (N × ω) in the cells of the domain."""
+        """Computes the force ε h (N × ω) in the cells of the domain."""
         if self._halo:
             for axis, (component, padded) in enumerate(zip(velocity, self._padded, strict=True)):
                 self._halo.pad(component, padded, axis)

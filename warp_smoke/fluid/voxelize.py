@@ -1,8 +1,8 @@
-"""Shares of cells that lie inside a mesh, and how fast its surface moves there.
+"""The share of each cell inside a mesh, and the velocity of the mesh's surface there.
 
 Inside is where the generalised winding number is above ½ (A. Jacobson et al., 2013; G. Barill et al., 2018), so meshes
-need not be watertight. The surface through a cell is taken as the plane at its closest point, and the share of the
-cell behind a plane is exact (R. Scardovelli, S. Zaleski, 2000): volumes are second-order accurate.
+need not be watertight. The surface in a cell is approximated by the plane at its closest point, and the share of the
+cell behind that plane is exact (R. Scardovelli, S. Zaleski, 2000): volumes are second-order accurate.
 """
 
 from math import prod
@@ -17,14 +17,14 @@ from warp_smoke.scene import Collider, Emitter
 
 wp.set_module_options({"enable_backward": False})
 
-# A direction cosine below this counts as this, for the formula divides by all three: changes the share by 2e-6 at most.
+# Least direction cosine, as the formula divides by all three; this changes the share by 2e-6 at most.
 _LEAST_COSINE = wp.constant(wp.float64(1e-5))
 
-# A cluster of triangles stands for its members from this many of its radii on. Warp's default, 2, takes 2.7 times as
-# long; 1 gave the same sign at 220,000 points within 0.4 cells of closed meshes, 0.8 did not.
+# A cluster of triangles replaces its members from a distance of this many of its radii. Warp's default, 2, takes 2.7
+# times as long; 1 gave the same sign at 220,000 points within 0.4 cells of closed meshes, 0.8 did not.
 ACCURACY = wp.constant(1.0)
 
-# Closer to a surface than this the way to it has no direction [cells].
+# Closer to a surface than this the offset from it has no reliable direction [cells].
 _ROUND_OFF = wp.constant(1e-3)
 
 # Half the diagonal of a cell.
@@ -40,11 +40,13 @@ def _cube(x: wp.float64):
 
 @wp.func
 def share_behind_plane(normal: wp.vec3, distance: float):
-    """Share of a unit cube behind a plane, V(α) = (α³ − Σ (α − m_n)₊³ + Σ (α − m_n − m_l)₊³) / (6 m₁ m₂ m₃).
+    """Returns the share of a unit cube behind a plane.
+
+    V(α) = (α³ − Σ (α − m_n)₊³ + Σ (α − m_n − m_l)₊³) / (6 m₁ m₂ m₃).
 
     Args:
         normal: unit normal, pointing to the front.
-        distance: from the plane to the cube's centre, positive in front.
+        distance: signed distance of the cube's centre from the plane, positive in front.
     """
     a = wp.max(wp.float64(wp.abs(normal[0])), _LEAST_COSINE)
     b = wp.max(wp.float64(wp.abs(normal[1])), _LEAST_COSINE)
@@ -65,7 +67,7 @@ def share_behind_plane(normal: wp.vec3, distance: float):
 
 @wp.func
 def _share_inside(mesh: wp.uint64, query: wp.MeshQueryPoint, center: wp.vec3, margin: float):
-    """Share of the cell around `center` inside a mesh that is grown by `margin`."""
+    """Returns the share of the cell around `center` inside a mesh that is expanded by `margin`."""
     offset = center - wp.mesh_eval_position(mesh, query.face, query.u, query.v)
     length = wp.length(offset)
     normal = wp.mesh_eval_face_normal(mesh, query.face)
@@ -88,8 +90,8 @@ def _voxelize(
 ):
     """Share of each cell behind the plane at (signed distance − margin) from its centre.
 
-    Cells farther than `near` from the surface are 0 or 1. In a closed mesh those more than a cell away from it are what
-    the cell before is, for the surface does not pass between them; rows start outside if it does not reach `below`.
+    Cells farther than `near` from the surface are 0 or 1. With a closed mesh, cells more than a cell away from it are
+    the same as the previous cell, as no surface lies between; rows start outside if the box is not cut off `below`.
     """
     i, j, c = wp.tid()
     i += rows.first
@@ -143,11 +145,11 @@ def fill_fraction(
 
     Args:
         launcher: where it runs.
-        mesh: in cell coordinates, with winding numbers.
+        mesh: mesh in cell coordinates, built with winding numbers.
         lower: first cell of the box.
         margin: added outside the mesh [cells].
         far: no cell of the box is farther from the mesh than this [cells].
-        closed: whether the mesh is closed, so that its sign changes at its surface alone.
+        closed: whether the mesh is closed, so that the sign changes only at its surface.
         fraction: over the box, written.
     """
     args = (margin, margin + _HALF_DIAGONAL, far, int(closed), int(lower[2] <= 0), fraction)
@@ -158,19 +160,19 @@ class MeshVoxels(LatticeMesh):
     """One mesh in the cells of its own box, kept up to date as it moves.
 
     Attributes:
-        fraction: share of each cell of the box inside, [*shape], 0 to 1; says nothing where the box has no cells.
+        fraction: share of each cell of the box inside, [*shape], 0 to 1; meaningless if the box has no cells.
     """
 
     wraps = True
 
     def __init__(self, launcher: Launcher, lattice: Lattice, prim: Emitter | Collider, label: str, margin: float = 0.0):
-        """Makes the mesh known; `update` fills the cells. Arguments as for `LatticeMesh`."""
+        """Prepares the mesh; `update` fills the cells. Arguments as for `LatticeMesh`."""
         super().__init__(launcher, lattice, prim, label, margin)
         self.fraction = self._velocity = None
         self._storage = self._velocity_storage = ()  # room for fraction, and for u, v, w, as large as the largest box
 
     def update(self, start: float, end: float, seconds: float) -> bool:
-        """Voxelises the mesh as it stands at `end`; arguments and result as for `LatticeMesh.update`."""
+        """Voxelises the mesh at its position at `end`; arguments and result as for `LatticeMesh.update`."""
         changed = super().update(start, end, seconds)
         if changed:
             self._velocity = None
@@ -181,7 +183,7 @@ class MeshVoxels(LatticeMesh):
         return changed
 
     def _views(self, storage: tuple, count: int) -> tuple[list[wp.array], tuple]:
-        """Arrays over the box, in storage that grows with it; and the storage."""
+        """Returns arrays over the box, in storage that grows with it, and that storage."""
         cells = prod(self.shape)
         if not storage or cells > storage[0].size:
             storage = tuple(self._launcher.zeros(cells, self._label) for _ in range(count))
@@ -191,8 +193,8 @@ class MeshVoxels(LatticeMesh):
     def velocity(self) -> tuple[wp.array, wp.array, wp.array]:
         """u, v, w of the mesh along the lattice's axes at the cells of the box, each [*shape] [m/s].
 
-        Where it deforms that of the closest point of the surface near it, elsewhere that of the motion as a whole.
-        Measured when it is first asked for after an update.
+        Near the surface of a deforming mesh it is that of the closest point, elsewhere that of the overall motion. It
+        is measured on the first access after an update.
         """
         if self._velocity is None:
             self._velocity = self._measure_velocity()
@@ -206,9 +208,9 @@ class MeshVoxels(LatticeMesh):
         return tuple(components)
 
     def volume_ratio(self) -> float:
-        """The volume of the mesh over that of its cells: what their shares are off by, a few per cent.
+        """Returns the volume of the mesh over that of its cells, to correct their error of a few per cent.
 
-        1 where that is not known, since the mesh is not closed or sticks out of the lattice.
+        It is 1 if the volume is unknown because the mesh is not closed or extends beyond the lattice.
         """
         if not self._closed or 0 in self.shape:
             return 1.0
@@ -217,5 +219,5 @@ class MeshVoxels(LatticeMesh):
         if np.any(low < first) or np.any(high > end):
             return 1.0
         filled = float(self.fraction.numpy().sum(dtype=np.float64))
-        # Of a mesh that overlaps itself the volume counts twice what the cells count once.
+        # Where a mesh overlaps itself, its volume counts twice but its cells count once.
         return min(abs(self._volume()) / filled, 1.1) if filled else 1.0

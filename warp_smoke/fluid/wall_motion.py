@@ -1,4 +1,4 @@
-"""Walls of meshes that move: the faces that they push, their pull on air beside them, and the cells they pass over."""
+"""Moving mesh walls: the faces that they push, their drag on air beside them, and the cells that they pass over."""
 
 import warp as wp
 
@@ -7,7 +7,7 @@ from warp_smoke.fluid.grid import Box
 from warp_smoke.fluid.lattice_mesh import Motion, surface_velocity
 from warp_smoke.launch import Launcher, Rows
 
-# Friction times the speed of the wall along an axis, on the closed faces across another: by (own, across).
+# Friction times the wall's velocity along one axis, on closed faces across another, by (own, across) [m/s].
 Pull = dict[tuple[int, int], wp.array]
 
 wp.set_module_options({"enable_backward": False})
@@ -26,8 +26,8 @@ def _mark_swept(
 ):
     """Sets held = 0 where the surface passed over the centre x of a cell: where it meets the segment from x to y.
 
-    Seen from the mesh where it is now, the centre has moved from y = turn x + shift to x; near the surface of a mesh
-    that deforms, from y = x + seconds · velocity of the closest point, `seconds` in [cells s/m].
+    Relative to the current mesh, the centre has moved from y = turn x + shift to x; near the surface of a deforming
+    mesh from y = x + seconds · velocity of the closest point, `seconds` in [cells s/m].
     """
     i, j, c = wp.tid()
     i += rows.first + lower[0]
@@ -64,7 +64,7 @@ def _push_faces(
     fraction: wp.array3d[float],
     u_inout: wp.array3d[float],
 ):
-    """Sets u = speed on crossed faces, and the velocity of the surface along the axis beside other solid cells."""
+    """Sets u = speed on crossed faces, and u = the surface's velocity along the axis on other faces of solid cells."""
     i, j, c = wp.tid()
     i += rows.first
     unit = along(axis, 1, 0, 0)
@@ -95,7 +95,7 @@ def _pull_faces(
     greatest: wp.array3d[float],
     pull_inout: wp.array3d[float],
 ):
-    """Sets pull = friction · velocity of the surface along `own` on faces that it closes and no other rubs more."""
+    """Sets pull = friction · surface velocity along `own` on faces that it closes, where no wall has more friction."""
     i, j, c = wp.tid()
     i += rows.first
     unit = along(axis, 1, 0, 0)
@@ -125,10 +125,10 @@ def push_faces(
     Args:
         launcher: where it runs.
         place: the mesh, and the first cell of its box.
-        motion: of the mesh.
+        motion: motion of the mesh.
         crossed: from `cross_faces`.
-        speed: likewise.
-        fraction: of the cells of the box.
+        speed: from `cross_faces`.
+        fraction: share of each cell of the box inside.
         velocity: u, v, w on the faces of the lattice [m/s], changed.
     """
     for axis, component in enumerate(velocity):
@@ -146,17 +146,17 @@ def pull_faces(
     greatest: tuple,
     pull: Pull,
 ) -> None:
-    """Notes the pull of a mesh on the air that moves along it, on faces that it closes.
+    """Stores the drag of a mesh on the air moving along it, on faces that it closes.
 
     Args:
         launcher: where it runs.
         place: the mesh, and the first cell of its box.
-        motion: of the mesh.
+        motion: motion of the mesh.
         crossed: from `cross_faces`.
-        fraction: of the cells of the box.
-        friction: of the mesh.
-        greatest: friction of the faces across x, y and z by all walls.
-        pull: friction times the speed of the wall, changed where no wall has more friction.
+        fraction: share of each cell of the box inside.
+        friction: friction of the mesh.
+        greatest: greatest friction of all walls on the faces across x, y and z.
+        pull: friction times the velocity of the wall [m/s], changed where no wall has more friction.
     """
     for (own, axis), faces in pull.items():
         args = (*place, axis, own, motion, crossed[axis], fraction, friction, greatest[axis], faces)
@@ -177,13 +177,13 @@ def mark_swept(
 
     Args:
         launcher: where it runs.
-        mesh: in cell coordinates.
+        mesh: mesh in cell coordinates.
         box: cells to look at.
-        turn: with `shift` takes a centre to where the mesh, as it stands now, had it before.
+        turn: rotation that, with `shift`, takes a centre to its earlier position relative to the mesh as it is now.
         shift: [cells].
-        seconds: that it took [cells s/m].
-        reach: no point of a mesh that deforms went farther than this [cells]; 0 for a rigid one.
-        held: [nx, ny, nz], set to 0 there.
+        seconds: duration of the motion over the cell size [cells s/m].
+        reach: no point of a deforming mesh moved farther than this [cells]; 0 for a rigid mesh.
+        held: [nx, ny, nz], set to 0 in these cells.
     """
     shape = tuple(high - low for low, high in zip(*box, strict=True))
     launcher.launch_queries(_mark_swept, shape, mesh, wp.vec3i(*box.lower), turn, shift, seconds, reach, held)

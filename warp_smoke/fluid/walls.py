@@ -1,4 +1,4 @@
-"""Walls from meshes: the cells that they fill and the faces that their surface crosses, which nothing flows through."""
+"""Walls from meshes: the cells that they fill and the faces that their surfaces cross, which block all flow."""
 
 from math import prod
 
@@ -14,7 +14,7 @@ from warp_smoke.lattice import Lattice
 from warp_smoke.launch import Launcher
 from warp_smoke.scene import Collider
 
-# The surface may be this far from a face beside the cells that it fills [cells].
+# The surface may be this far from a face of the cells that the mesh fills [cells].
 _REACH = 1.5
 
 
@@ -22,15 +22,15 @@ class MeshWalls(LatticeMesh):
     """One collider in the cells of its own box: those it fills, and the faces that its surface crosses.
 
     Attributes:
-        fraction: share of each cell of the box inside, [*shape], 0 to 1; of a closed mesh without margin only whether
-            the centre is; says nothing where the box has no cells.
-        crossed: 1 for each face of the box's cells across x, y and z between whose cells the surface passes, else 0,
+        fraction: share of each cell of the box inside, [*shape], 0 to 1; for a closed mesh without margin, 1 if the
+            cell's centre is inside, else 0; meaningless if the box has no cells.
+        crossed: 1 for faces across x, y and z between whose cells' centres the surface passes, else 0,
             [ni+1, nj, nk], [ni, nj+1, nk], [ni, nj, nk+1].
-        friction: of the surface, 0 to 1.
+        friction: friction of the surface, 0 to 1.
     """
 
     def __init__(self, launcher: Launcher, lattice: Lattice, collider: Collider):
-        """Makes the mesh known; `update` fills the cells.
+        """Prepares the mesh; `update` fills the cells.
 
         Args:
             launcher: where it runs.
@@ -43,7 +43,7 @@ class MeshWalls(LatticeMesh):
         self._storage = ()  # room for all of these, as large as the largest box so far
 
     def update(self, start: float, end: float, seconds: float) -> bool:
-        """Finds cells and faces as the mesh stands at `end`; arguments and result as for `LatticeMesh.update`."""
+        """Finds cells and faces for the mesh at `end`; arguments and result as for `LatticeMesh.update`."""
         changed = super().update(start, end, seconds)
         if changed and 0 not in self.shape:
             self._allocate()
@@ -73,7 +73,7 @@ class MeshWalls(LatticeMesh):
         """Closes the faces that the surface crosses.
 
         Args:
-            shares: wx, wy, wz, the open share of each face of the lattice, set to 0 there.
+            shares: wx, wy, wz, the open share of each face of the lattice, set to 0 on crossed faces.
         """
         close_crossed(self._launcher, wp.vec3i(*self.lower), self.crossed, shares)
 
@@ -87,11 +87,11 @@ class MeshWalls(LatticeMesh):
         push_faces(self._launcher, self._place(), motion, self.crossed, self._speed, self.fraction, velocity)
 
     def pull(self, greatest: tuple[wp.array, wp.array, wp.array], pull: Pull) -> None:
-        """Notes how the mesh pulls air along.
+        """Stores how the mesh drags air along.
 
         Args:
-            greatest: friction of the faces across x, y and z of the lattice by all walls.
-            pull: friction times the velocity of the wall [m/s], changed on faces where no other has more friction.
+            greatest: greatest friction of all walls on the faces across x, y and z of the lattice.
+            pull: friction times the velocity of the wall [m/s], changed on faces where no other wall has more friction.
         """
         motion = self._motion(self._margin + _REACH)
         args = (self._place(), motion, self.crossed, self.fraction, self.friction, greatest, pull)
@@ -101,8 +101,8 @@ class MeshWalls(LatticeMesh):
         """Marks the cells that the surface passed over in the last update.
 
         Args:
-            seconds: that it took [s].
-            held: [nx, ny, nz], set to 0 there.
+            seconds: duration of that motion [s].
+            held: [nx, ny, nz], set to 0 in these cells.
 
         Returns:
             A box around those cells; None if nothing moved.

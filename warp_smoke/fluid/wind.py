@@ -1,7 +1,7 @@
-"""Wind: the velocity that air has at the beginning, and when it comes in through open sides.
+"""Wind: the velocity of air at the beginning, and of air that enters through open sides.
 
-Beyond open sides all air moves with the wind, so traces that begin there bring it in; faces on those sides take it
-wherever the flow through them is inwards. The projection then bends it around what stands in its way.
+Beyond open sides all air moves with the wind, so traces that begin there carry it in; faces on these sides take its
+velocity wherever the flow through them is inward. The projection then diverts it around obstacles.
 """
 
 import warp as wp
@@ -16,7 +16,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.kernel
 def _let_in(rows: Rows, first: wp.vec3i, inwards: float, wind: float, u_inout: wp.array3d[float]):
-    """Inflow: u = wind where inwards · u > 0, inwards 1 on lower and −1 on upper sides."""
+    """Inflow: u = wind where inwards · u > 0; inwards is 1 on lower and −1 on upper sides."""
     i, j, c = wp.tid()
     i += rows.first + first[0]
     j += first[1]
@@ -32,7 +32,7 @@ class Wind:
     """The wind in one domain.
 
     Attributes:
-        velocity: along the lattice's axes [m/s].
+        velocity: velocity of the wind along the lattice's axes [m/s].
     """
 
     def __init__(self, launcher: Launcher, lattice: Lattice, velocity: tuple[float, float, float]):
@@ -41,7 +41,7 @@ class Wind:
         Args:
             launcher: where it runs.
             lattice: cells of the domain.
-            velocity: along the stage's axes [m/s].
+            velocity: velocity of the wind along the stage's axes [m/s].
         """
         self._launcher, self._lattice = launcher, lattice
         self.velocity = tuple((lattice.axes @ velocity).tolist())
@@ -52,7 +52,7 @@ class Wind:
                 self._sides.append((axis, patch, inwards))
 
     def fill(self, velocity: tuple) -> None:
-        """Gives all air the wind's velocity, up to the domain's closed sides.
+        """Gives all air the wind's velocity, except through closed sides.
 
         Args:
             velocity: u, v, w on faces [m/s], written.
@@ -62,7 +62,7 @@ class Wind:
         close_sides(self._launcher, self._lattice.sides, velocity)
 
     def let_in(self, velocity: tuple) -> None:
-        """Gives air that comes in through open sides the wind's velocity.
+        """Gives air that enters through open sides the wind's velocity.
 
         Args:
             velocity: u, v, w on faces [m/s], changed on those sides.
@@ -72,10 +72,10 @@ class Wind:
             self._launcher.launch(_let_in, patch.shape, first, inwards, self.velocity[axis], velocity[axis])
 
     def energy_let_in(self, courant: float) -> float:
-        """The most kinetic energy that can have come in, ½ u² over the faces [m²/s²].
+        """Returns the most kinetic energy that can have entered, ½ u² over the faces [m²/s²].
 
         Args:
-            courant: largest way of the air [cells].
+            courant: largest distance that air moved [cells].
         """
         faces = sum(patch.shape[0] * patch.shape[1] * patch.shape[2] for _, patch, _ in self._sides)
         return 0.5 * sum(speed * speed for speed in self.velocity) * faces * courant

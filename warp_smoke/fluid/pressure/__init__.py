@@ -1,4 +1,4 @@
-"""Pressure projection: one solver a file, all with the signatures in `status.py`, chosen by name."""
+"""Pressure solvers: one per file, all with the signatures in `status.py`, chosen by name."""
 
 from collections.abc import Callable
 

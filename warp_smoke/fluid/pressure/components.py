@@ -1,4 +1,4 @@
-"""Bodies of fluid that no open side touches: the net divergence of each must be 0, for no pressure can change it."""
+"""Components of fluid that touch no open side: the net divergence of each must be 0, as no pressure can change it."""
 
 import numpy as np
 import scipy.ndimage
@@ -12,7 +12,7 @@ from warp_smoke.launch import Launcher, Rows, dense
 wp.set_module_options({"enable_backward": False})
 
 _CHUNK = 1024
-# Lists have room for a multiple of this many cells and chunks, so that moving solids seldom need more.
+# Capacity of lists is a multiple of this many cells and chunks, so that moving solids seldom need more.
 _GRAIN, _CHUNK_GRAIN = 4096, 64
 _ALL = slice(None)
 # Along an axis: the cells before each inner face, those after it, and the face itself.
@@ -21,7 +21,7 @@ _CUTS = slice(None, -1), slice(1, None), slice(1, -1)
 
 @wp.kernel
 def _sum_rows(rows: Rows, field: wp.array3d[float], parts_out: wp.array3d[wp.float64]):
-    """Parts of Σ field."""
+    """Computes the parts of Σ field."""
     i, _, c = wp.tid()
     i += rows.first
     a = dense(field)
@@ -54,7 +54,7 @@ def _subtract_mean(rows: Rows, mean: float, fluid: wp.array3d[float], field_inou
 
 @wp.func
 def _flat(a: wp.array3d[float]):
-    """The same array as one row of cells."""
+    """Returns the same array as one row of cells."""
     return wp.array(ptr=a.ptr, shape=(a.shape[0] * a.shape[1] * a.shape[2],), dtype=float)
 
 
@@ -87,17 +87,17 @@ def _subtract_from_chunks(
 
 
 def label_components(fluid: np.ndarray, shares: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, int]:
-    """Numbers the bodies of fluid: cells in one are connected through open faces.
+    """Numbers the components of fluid: cells of one are connected through open faces.
 
     Args:
         fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz].
         shares: wx, wy, wz, the open share of each face.
 
     Returns:
-        The number of each cell's body from 1, 0 in solid cells, [nx, ny, nz]; and how many there are.
+        The number of each cell's component from 1, 0 in solid cells, [nx, ny, nz]; and how many components there are.
     """
     cells = fluid > 0
-    pairs = []  # per axis: the cells before and after each inner face, and which of these are open and which walls
+    pairs = []  # per axis: the cells before and after each inner face, and which of these faces are open, which walls
     for axis, share in enumerate(shares):
         before, after, inner = (tuple(cut if a == axis else _ALL for a in range(3)) for cut in _CUTS)
         between = cells[before] & cells[after]
@@ -109,7 +109,7 @@ def label_components(fluid: np.ndarray, shares: tuple[np.ndarray, np.ndarray, np
         walled[after] |= walls
     if not walled.any():
         return scipy.ndimage.label(cells)
-    # Cells beside walls inside the fluid start on their own; then bodies that meet through an open face are joined.
+    # Cells beside walls inside the fluid start on their own; then components that share an open face are joined.
     labels, found = scipy.ndimage.label(cells & ~walled)
     count = found + np.count_nonzero(walled)
     labels[walled] = np.arange(found + 1, count + 1)
@@ -126,7 +126,7 @@ def label_components(fluid: np.ndarray, shares: tuple[np.ndarray, np.ndarray, np
 def _join_across_seams(
     labels: np.ndarray, found: int, shares: list[np.ndarray], sides: tuple[str, ...]
 ) -> tuple[np.ndarray, int]:
-    """Numbers bodies as one that meet through an open face on a periodic side."""
+    """Joins components that share an open face on a periodic side."""
     pairs = [(np.zeros(0, int),) * 2]
     for axis, share in enumerate(shares):
         if sides[2 * axis] == "periodic":
@@ -139,9 +139,9 @@ def _join_across_seams(
 
 
 class ClosedComponents:
-    """The components of fluid, connected through open faces, that no open side touches.
+    """The components of fluid, connected through open faces, that touch no open side.
 
-    The main one, around all solids, is taken as the fluid without the others; those are lists of cells in chunks.
+    The main one, around all solids, is stored as the fluid minus the others, which are lists of cells in chunks.
     """
 
     def __init__(self, launcher: Launcher, sides: tuple[str, ...], fluid: wp.array):
@@ -150,27 +150,27 @@ class ClosedComponents:
         Args:
             launcher: where it runs.
             sides: open, closed or periodic for each of -x +x -y +y -z +z.
-            fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz]; `find` looks at what it has become.
+            fluid: 1 in fluid, 0 in solid cells, [nx, ny, nz]; read again by each `find`.
         """
         self._launcher, self._sides, self._fluid = launcher, sides, fluid
         self._main_size = 0  # cells of the main component if it is closed, else 0
         self._sizes, self._closed = np.zeros(0, int), np.zeros(0, bool)  # of the others
         self._chunk_component = np.zeros(0, int)
         self._total = Sums(launcher, fluid.shape, 1, "pressure")
-        # Room for as many as there ever were: cells, the first of each chunk, sums and means of the chunks.
+        # Sized for the most there ever were: cells, first index of each chunk, sums and means of the chunks.
         self._cells, self._first = (launcher.zeros(0, "pressure", int) for _ in range(2))
         self._sums, self._means = launcher.zeros(0, "pressure", wp.float64), launcher.zeros(0, "pressure")
 
     def find(self, shares: tuple[wp.array, wp.array, wp.array], solids: Box) -> None:
-        """Finds them.
+        """Finds the components.
 
         Args:
             shares: wx, wy, wz, the open share of each face, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1].
-            solids: cells outside of which all are fluid and no face is closed but on sides of the domain.
+            solids: box outside which all cells are fluid and no face is closed except on sides of the domain.
         """
         if "periodic" in self._sides:  # the fluid around solids at one end may be divided by those at the other
             solids = Box((0, 0, 0), self._fluid.shape)
-        # Around the solids lies a layer of fluid that is connected just as all the fluid beyond it.
+        # Around the solids is a layer of fluid that is connected in the same way as all the fluid beyond it.
         shape, part = self._fluid.shape, grown(solids, 1, self._fluid.shape)
         cells = tuple(slice(*ends) for ends in zip(*part, strict=True))
         faces = [
@@ -192,7 +192,7 @@ class ClosedComponents:
                 outermost = outermost[faces[axis].take(last, axis) > 0]
             if token == "open":
                 closed[outermost] = False
-        if np.count_nonzero(goes_on) > 1:  # solids from side to side divide the fluid beyond
+        if np.count_nonzero(goes_on) > 1:  # solids that reach from side to side divide the fluid beyond
             self.find(shares, Box((0, 0, 0), shape))
             return
         sizes = np.bincount(labels.ravel(), minlength=found + 1)
@@ -203,7 +203,7 @@ class ClosedComponents:
         self._list(labels, listed, closed, part)
 
     def _list(self, labels: np.ndarray, listed: np.ndarray, closed: np.ndarray, part: Box) -> None:
-        """Lists the cells of some components of a part of the box."""
+        """Stores lists of the cells of some components in a part of the domain."""
         inside = np.flatnonzero(listed[labels])
         component = (np.cumsum(listed) - 1)[labels.ravel()[inside]]
         self._sizes, self._closed = np.bincount(component), closed[listed]
@@ -227,7 +227,7 @@ class ClosedComponents:
         self._first[: chunks + 1].assign(np.concatenate([*starts, [len(inside)]]).astype(np.int32))
 
     def remove_means(self, field: wp.array) -> float:
-        """Takes its mean over each closed component off a field [nx, ny, nz] that is 0 in solid cells.
+        """Subtracts the mean over each closed component from a field [nx, ny, nz] that is 0 in solid cells.
 
         Returns:
             The largest absolute mean.

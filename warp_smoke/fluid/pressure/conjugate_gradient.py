@@ -12,7 +12,7 @@ from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
 
-# Once the residual has shrunk by this, it is measured anew.
+# Once the residual has shrunk by this factor, it is measured again.
 _FRESH = 1e-5
 
 
@@ -58,7 +58,7 @@ def _descend(
     residual_inout: wp.array3d[float],
     parts_out: wp.array3d[wp.float64],
 ):
-    """Adds step p to q and −step L p to r, with `border` layers of cells below; parts of Σ r², max |r|, max |q|."""
+    """Adds step p to q and −step L p to r, which has `border` layers below; parts of Σ r², max |r|, max |q|."""
     i, _, c = wp.tid()
     i += rows.first
     p = dense(padded)
@@ -95,7 +95,7 @@ def _turn(
     share: float,
     padded_inout: wp.array3d[float],
 ):
-    """Sets p = fluid z + share p; z has `border` layers of cells below."""
+    """Sets p = fluid z + share p; z has `border` layers below."""
     i, j, c = wp.tid()
     i += rows.first
     z = dense(correction)
@@ -112,8 +112,8 @@ def _turn(
 class ConjugateGradientPressure(IterativePressure):
     """Conjugate gradients.
 
-    Of all corrections that its iterations can reach, each iterate is the one with the least error in the energy norm,
-    √(e · L e); so the last is the best, also when iterations run out.
+    Each iterate has the least error in the energy norm √(e · −L e) of all that its iterations can reach, so the last
+    is the best, also when iterations run out.
     """
 
     def __init__(self, launcher: Launcher, problem: PressureProblem, preconditioner: Preconditioner):
@@ -133,16 +133,16 @@ class ConjugateGradientPressure(IterativePressure):
             if iterations:
                 self._remove_means()
             iterations += self._descend(pressure, residual, zero_guess, limit - iterations)
-            # Round-off makes the residual that was updated drift from the true one: only the true one counts.
+            # Round-off makes the updated residual drift from the true one: only the true one counts.
             residual = self._restart(pressure)
             if not (residual.largest < before.largest or residual.norm < before.norm):
                 break
         return iterations, residual
 
     def _remove_means(self) -> None:
-        """Takes its mean over each closed body of fluid off the residual, now that it is small.
+        """Subtracts the residual's mean over each closed component of fluid, once the residual is small.
 
-        No pressure removes that, and it grows beside the rest until it leads the iterations astray.
+        No pressure can remove this mean, and it grows relative to the rest until it misleads the iterations.
         """
         border = (self._border,) * 3
         back = tuple(-n for n in border)
@@ -152,10 +152,10 @@ class ConjugateGradientPressure(IterativePressure):
         copy_samples(self._launcher, [make_patch(border, shape, border, border)], self._change, self._residual)
 
     def _descend(self, pressure: wp.array, start: Residual, zero_guess: Residual, limit: int) -> int:
-        """Iterates until the residual as updated is small, or much smaller than at the start; returns how often."""
+        """Iterates until the updated residual is small, or much smaller than at the start; returns the iterations."""
         launch, sums, preconditioner = self._launcher.launch, self._sums, self._preconditioner
         operator = (*self._operator.shares, self._operator.centre)
-        direction = self._padded  # the first direction takes no share of what it held before
+        direction = self._padded  # the first direction has no share of its previous content
         product = 0.0
         for iteration in range(limit):
             product, before = preconditioner.apply(), product

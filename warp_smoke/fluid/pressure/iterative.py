@@ -1,8 +1,8 @@
-"""What the iterative pressure solvers share: the operator around solids, the residual, and when to stop.
+"""The common part of iterative pressure solvers: the operator around solids, the residual, and when to stop.
 
-The operator has a weight for each face, the share of it that is open: L q = Σ a w (q_neighbour − q), with a = 1 between
-cells, also across periodic sides, and 2 on an open side, where q = 0 outside. Padded pressures have a layer of zeros
-around the cells, or of ghosts beyond periodic sides.
+The operator weights each face by its open share w: L q = Σ a w (q_neighbour − q), with a = 1 between cells, also across
+periodic sides, and a = 2 on an open side, where q = 0 outside. Padded pressures have a layer of zeros around the cells,
+or of ghosts beyond periodic sides.
 """
 
 from abc import ABC, abstractmethod
@@ -23,7 +23,7 @@ from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
 
-# Residual due to the round-off of a pressure of 1: at most 12 half ulps from storing it and 22 from summing L q.
+# Residual due to round-off for a pressure of 1: at most 12 half ulps from storing it and 22 from summing L q.
 _ROUND_OFF = 34 * 2.0**-24
 
 
@@ -58,7 +58,7 @@ def _sum_weights(
 
 @wp.kernel
 def _start(rows: Rows, fluid: wp.array3d[float], q_inout: wp.array3d[float], padded_out: wp.array3d[float]):
-    """Sets q = fluid q, and the padded copy of it inside a layer of zeros."""
+    """Sets q = fluid q, and copies it into the padded array, inside a layer of zeros."""
     i, j, c = wp.tid()
     i += rows.first
     f = dense(fluid)
@@ -84,7 +84,7 @@ def laplacian(
     j: int,
     k: int,
 ):
-    """Σ w q_neighbour − centre q, with q padded by a layer of zeros, so that sides need no branch."""
+    """Returns Σ w q_neighbour − centre q, with q padded by a layer of zeros, so that sides need no branch."""
     q = dense(padded)
     ox = dense(wx)
     oy = dense(wy)
@@ -109,7 +109,7 @@ def _measure_residual(
     residual_out: wp.array3d[float],
     parts_out: wp.array3d[wp.float64],
 ):
-    """Sets r = d − L q, with `border` layers of cells below; parts of Σ r², max |r| and max |q|."""
+    """Sets r = d − L q, where r has `border` layers below; parts of Σ r², max |r| and max |q|."""
     i, _, c = wp.tid()
     i += rows.first
     p = dense(padded)
@@ -136,7 +136,7 @@ def _measure_residual(
 
 @wp.kernel
 def _measure_field(rows: Rows, a: wp.array3d[float], parts_out: wp.array3d[wp.float64]):
-    """Parts of Σ a² and max |a|."""
+    """Computes the parts of Σ a² and max |a|."""
     i, _, c = wp.tid()
     i += rows.first
     x = dense(a)
@@ -155,7 +155,7 @@ def _measure_field(rows: Rows, a: wp.array3d[float], parts_out: wp.array3d[wp.fl
 
 
 class FaceWeights(NamedTuple):
-    """The operator.
+    """The weights of the operator.
 
     Attributes:
         shares: w of the faces, [nx+1, ny, nz], [nx, ny+1, nz], [nx, ny, nz+1].
@@ -167,7 +167,7 @@ class FaceWeights(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """Largest absolute value and norm of a residual, and the largest absolute pressure that it was measured with."""
+    """Largest absolute value and 2-norm of a residual, and the largest absolute pressure when it was measured."""
 
     largest: float
     norm: float
@@ -175,19 +175,19 @@ class Residual(NamedTuple):
 
 
 class IterativePressure(ABC):
-    """A solver for a box with solids (or without, for comparison) that improves a pressure step by step.
+    """A solver for a box with solids (or without, for comparison) that improves a pressure iteratively.
 
     The net divergence of closed components of fluid is left out, and the mean of their pressure is 0.
     """
 
     def __init__(self, launcher: Launcher, problem: PressureProblem, residual: wp.array, border: int):
-        """Allocates; what depends on the solids is prepared when they have changed.
+        """Allocates; what depends on the solids is prepared whenever they have changed.
 
         Args:
             launcher: where it runs.
-            problem: what it is made for.
-            residual: where the residual goes.
-            border: layers of cells that it has below the first cell.
+            problem: the problem to solve.
+            residual: array for the residual.
+            border: layers that this array has below the first cell.
         """
         self._launcher, self._problem = launcher, problem
         shape, solids = problem.shape, problem.solids
@@ -215,7 +215,7 @@ class IterativePressure(ABC):
         self._components = ClosedComponents(launcher, problem.sides, self._fluid)
 
     def solve(self, divergence: wp.array, pressure: wp.array) -> PressureStatus:
-        """Solves Σ (q_neighbour − q) = d over the open faces of cells of fluid.
+        """Solves Σ (q_neighbour − q) = d over the open faces of fluid cells.
 
         Args:
             divergence: d, [nx, ny, nz] [m/s], 0 in solid cells.
@@ -247,10 +247,10 @@ class IterativePressure(ABC):
 
     @abstractmethod
     def _improve(self, pressure: wp.array, residual: Residual, zero_guess: Residual) -> tuple[int, Residual]:
-        """Iterates until the residual is small or there were `max_iterations`; returns how often, and the residual."""
+        """Iterates until the residual is small or `max_iterations` are done; returns their number and the residual."""
 
     def _sees_change(self) -> bool:
-        """Whether any cell or face has changed since this was asked last: solids may move without that."""
+        """Returns whether any cell or face has changed since the last call: solids may move without such a change."""
         now = [array.numpy() for array in (self._fluid, *self._operator.shares)]
         if self._seen is not None and all(map(np.array_equal, now, self._seen)):
             return False
@@ -258,20 +258,20 @@ class IterativePressure(ABC):
         return True
 
     def _prepare(self) -> None:
-        """Takes in where the solids are."""
+        """Updates what depends on the positions of the solids."""
         args = (*self._operator.shares, *side_weights(self._problem.sides), self._operator.centre)
         self._launcher.launch(_sum_weights, self._problem.shape, *args)
         solids = self._problem.solids
-        nothing = Box((0, 0, 0), (1, 1, 1))  # any cell of fluid will do
+        nothing = Box((0, 0, 0), (1, 1, 1))  # any fluid cell will do
         self._components.find(self._operator.shares, (solids.box if solids else None) or nothing)
 
     def _measure(self, field: wp.array) -> Residual:
-        """A field as the residual of zero pressure."""
+        """Measures a field as the residual of zero pressure."""
         self._launcher.launch(_measure_field, self._sums.launch_shape, field, self._sums.parts)
         return Residual(self._sums.largest(1), sqrt(self._sums.sum(0)), 0.0)
 
     def _restart(self, pressure: wp.array) -> Residual:
-        """Pads a pressure and measures its true residual, for iterations to go on from."""
+        """Pads a pressure and measures its true residual, from which iterations continue."""
         self._launcher.launch(_start, self._problem.shape, self._fluid, pressure, self._padded)
         self._fill_ghosts()
         operator = (*self._operator.shares, self._operator.centre)
@@ -280,7 +280,7 @@ class IterativePressure(ABC):
         return self._read_residual()
 
     def _fill_ghosts(self) -> None:
-        """Makes the padded pressure go on beyond periodic sides."""
+        """Fills the ghosts of the padded pressure beyond periodic sides."""
         copy_samples(self._launcher, self._ghosts, self._padded, self._padded)
 
     def _read_residual(self) -> Residual:

@@ -1,7 +1,7 @@
-"""Levels of a multigrid V-cycle on the grid: sizes, face weights, and where walls stand in them.
+"""Levels of a multigrid V-cycle on the grid: sizes, face weights, and the walls in them.
 
 Every level has the operator L e = Σ w (e_neighbour − e) with a weight for each face, and e = 0 in layers of cells
-around it. Cell n of an axis lies at index n + 1 of the arrays, and the face below it too.
+around it. Cell n of an axis is at index n + 1 of the arrays, and so is the face below it.
 """
 
 from math import prod
@@ -18,8 +18,8 @@ from warp_smoke.launch import Launcher, Rows
 
 wp.set_module_options({"enable_backward": False})
 
-# So many cells beside walls, as a share of a slice through the box, hardly matter to a preconditioner: a ball, which
-# crosses a face here and there without filling half of a cell beside it, needs no weights then.
+# This many cells beside walls, as a share of a slice through the box, hardly matter to a preconditioner. Thus a ball,
+# which crosses a few faces without filling half of a cell beside them, needs no weights.
 _FEW_WALLS = 0.01
 # Levels with no more cells than this are solved directly.
 FEW_CELLS = 128
@@ -103,7 +103,7 @@ def _invert_diagonal(
 
 @wp.func
 def _is_wall(weight: float, inverse_a: float, inverse_b: float):
-    """Whether a closed face separates two cells that both have open ones."""
+    """Returns whether a face is closed between two cells that both have open faces."""
     return weight == 0.0 and inverse_a > 0.0 and inverse_b > 0.0
 
 
@@ -171,7 +171,7 @@ def _mark_split(
     inverse: wp.array3d[float],
     split_out: wp.array3d[float],
 ):
-    """Sets split = 1 for a 2 × 2 × 2 block whose cells are not all connected inside it."""
+    """Sets split = 1 for a 2 × 2 × 2 block whose fluid cells are not all connected inside it."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
@@ -204,10 +204,10 @@ def _mark_split(
 
 
 class Level(NamedTuple):
-    """Arrays of a level, each with a layer of zeros below and two above: they cover 2 × 2 × 2 cells of odd sizes.
+    """Arrays of a level, with a layer of zeros below and two above, so that odd sizes have complete 2 × 2 × 2 blocks.
 
     Attributes:
-        shape: its cells along each axis.
+        shape: cells along each axis.
         inverse: 1 / Σ w of each cell.
         source: d.
         e, other: the correction, before and after a sweep.
@@ -225,10 +225,10 @@ class Level(NamedTuple):
 
 
 def level_shapes(shape: _Shape, sides: tuple[str, ...]) -> list[_Shape]:
-    """Cells along each axis on each level.
+    """Returns the number of cells along each axis on each level.
 
-    Beyond a closed side a coarse cell may stick out, as if into a solid. An open side has its p = 0 half a coarse cell
-    from the last centre or farther, up to 1 ½. Around periodic axes levels end before one with an odd number of cells.
+    A coarse cell may extend beyond a closed side, as if into a solid. The p = 0 of an open side is half a coarse cell
+    from the last centre or farther, up to 1½. Along periodic axes an odd number of cells is not coarsened further.
     """
     shapes = [shape]
     while prod(shapes[-1]) > FEW_CELLS and not _is_odd_ring(shapes[-1], sides):
@@ -240,7 +240,7 @@ def level_shapes(shape: _Shape, sides: tuple[str, ...]) -> list[_Shape]:
 
 
 def _is_odd_ring(shape: _Shape, sides: tuple[str, ...]) -> bool:
-    """Whether the cells around a periodic axis cannot be taken two by two, or would become one."""
+    """Returns whether the cells along a periodic axis cannot be paired, or would become one."""
     return any(side == "periodic" and (n % 2 or n == 2) for n, side in zip(shape, sides[0::2], strict=True))
 
 
@@ -248,12 +248,12 @@ class GridLevels:
     """All levels.
 
     Attributes:
-        levels: the finest first.
-        ends_early: whether the last is not small, for the cells around a periodic axis cannot be taken two by two.
+        levels: the levels, finest first.
+        ends_early: whether the last level is not small, because cells along a periodic axis cannot be paired.
     """
 
     def __init__(self, launcher: Launcher, shape: _Shape, sides: tuple[str, ...]):
-        """Allocates; `prepare` takes in the solids.
+        """Allocates; `prepare` takes the solids into account.
 
         Args:
             launcher: where it runs.
@@ -279,9 +279,9 @@ class GridLevels:
         return tuple(self._zeros(cells) for _ in range(3))
 
     def prepare(self, operator: FaceWeights) -> None:
-        """Takes in which faces are open: each wholly or not at all. A few walls are taken as open."""
+        """Sets the weights from the operator, whose faces are fully open or closed; few walls are treated as open."""
         finest = self.levels[0]
-        # Without walls the finest level needs its weights only here: they borrow its work arrays.
+        # Without walls the finest level needs its weights only here, so they borrow its work arrays.
         borrowed = (finest.source, finest.e, finest.other)
         weights = self._finest_weights or borrowed
         self._copy_weights(operator, weights)
@@ -312,7 +312,7 @@ class GridLevels:
             array.zero_()
 
     def count_split(self, number: int) -> int:
-        """Blocks of 2 × 2 × 2 cells that walls split on a level; 0 on a finest one without walls."""
+        """Counts the 2 × 2 × 2 blocks that walls split on a level; 0 on a finest level without walls."""
         level = self.levels[number]
         if level.weights is None:
             return 0
@@ -325,7 +325,7 @@ class GridLevels:
             self._launcher.launch(_copy_weights, share.shape, *args)
 
     def _join_seams(self, shape: _Shape, weights: _Weights) -> None:
-        """Gives the last faces of periodic axes the weights of the first, which they are."""
+        """Gives the last faces of periodic axes the weights of the first, which are the same faces."""
         for axis, w in enumerate(weights):
             if self._sides[2 * axis] == "periodic":
                 last = last_faces(shape, axis)
@@ -333,18 +333,18 @@ class GridLevels:
                 copy_samples(self._launcher, [make_patch(first, last.shape, *(2 * (last.block.before,)))], w, w)
 
     def _mark(self, kernel: wp.Kernel, level: Level, shape: _Shape) -> int:
-        """How many cells, or blocks of them, a kernel marks on a level."""
+        """Counts the cells, or blocks of cells, that a kernel marks on a level."""
         self._launcher.launch(kernel, shape, *level.weights, level.inverse, self._marks)
         return int(np.count_nonzero(self._marks.numpy()[: shape[0], : shape[1], : shape[2]]))
 
     def _upper_factor(self, number: int, axis: int) -> float:
-        """Weight of the upper side on a level, over that of the fine face in its place."""
+        """Returns the weight of the upper side on a level relative to that of the fine face in its place."""
         if self._sides[2 * axis + 1] != "open":
             return 1.0
         n = self.levels[0].shape[axis]
 
         def distance(of: int) -> float:
-            """From the last centre to the side [cells of that level]."""
+            """Returns the distance from the last centre to the side [cells of that level]."""
             return n / 2**of - self.levels[of].shape[axis] + 0.5
 
         even = self.levels[number - 1].shape[axis] % 2 == 0

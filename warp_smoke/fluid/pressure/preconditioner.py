@@ -1,4 +1,4 @@
-"""Preconditioners of conjugate gradients: what they offer, and the two that are not multigrid."""
+"""Preconditioners for conjugate gradients: their interface, and the two that are not multigrid."""
 
 from typing import Protocol
 
@@ -16,9 +16,9 @@ class Preconditioner(Protocol):
     """A symmetric approximate inverse of the operator.
 
     Attributes:
-        residual: r, what it is applied to [m/s], 0 in solid cells.
-        correction: the last result; only cells of fluid count.
-        border: layers of cells that both arrays have below the first cell.
+        residual: r, to which it is applied [m/s], 0 in solid cells.
+        correction: the last result; only fluid cells are used.
+        border: layers that both arrays have below the first cell.
     """
 
     residual: wp.array
@@ -26,7 +26,7 @@ class Preconditioner(Protocol):
     border: int
 
     def prepare(self, operator: FaceWeights) -> None:
-        """Takes in the operator, again whenever it has changed."""
+        """Prepares for the operator; called again whenever it has changed."""
 
     def apply(self) -> float:
         """Sets correction ≈ L⁻¹ r; returns Σ r correction."""
@@ -71,7 +71,7 @@ def _sum_products(
     cells: int,
     parts_out: wp.array3d[wp.float64],
 ):
-    """Parts of Σ a b over so many cells along j, with `border` layers of others below."""
+    """Computes the parts of Σ a b over `cells` cells along j, above `border` layers that are skipped."""
     i, _, c = wp.tid()
     i += rows.first
     f = dense(a)
@@ -91,7 +91,7 @@ def _sum_products(
 
 
 def sum_products(launcher: Launcher, a: wp.array, b: wp.array, border: int, sums: Sums) -> None:
-    """Sums Σ a b over the cells of `sums`, below which both arrays have `border` layers of others."""
+    """Sums a b over the cells of `sums`, below which both arrays have `border` layers."""
     launcher.launch(_sum_products, sums.launch_shape, a, b, border, sums.shape[1], sums.parts)
 
 
@@ -107,7 +107,7 @@ class Diagonal:
         self._sums = Sums(launcher, shape, 1, "pressure")
 
     def prepare(self, operator: FaceWeights) -> None:
-        """Takes in the operator."""
+        """Prepares for the operator."""
         self._centre = operator.centre
 
     def apply(self) -> float:
@@ -130,7 +130,7 @@ class EmptyBox:
         self._sums = Sums(launcher, shape, 1, "pressure")
 
     def prepare(self, operator: FaceWeights) -> None:
-        """Solids change nothing here."""
+        """Does nothing: the solids are ignored."""
 
     def apply(self) -> float:
         """Sets correction to the pressure of a box without solids; returns Σ r correction."""

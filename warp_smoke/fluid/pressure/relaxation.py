@@ -1,6 +1,6 @@
-"""Relaxation of the pressure, sweep by sweep: the poorer neighbours of multigrid.
+"""Relaxation of the pressure, sweep by sweep: the simpler, slower alternatives to multigrid.
 
-Damped Jacobi, and successive over-relaxation of the red and then the black cells of a chessboard (D. M. Young, 1954).
+Damped Jacobi, and red-black successive over-relaxation (D. M. Young, 1954).
 """
 
 from abc import abstractmethod
@@ -15,7 +15,7 @@ from warp_smoke.launch import Launcher, Rows, dense
 
 wp.set_module_options({"enable_backward": False})
 
-# Without damping, a chessboard in a box with closed sides changes its sign for ever.
+# Without damping, a checkerboard mode in a box with closed sides would alternate in sign forever.
 JACOBI_WEIGHT = 6.0 / 7.0
 _SWEEPS_BETWEEN_CHECKS = 8
 
@@ -78,7 +78,7 @@ def _relax_color(
     weight: float,
     padded_inout: wp.array3d[float],
 ):
-    """Adds weight (L q − d) / Σ a w to q where (i + j + k) mod 2 = color; all neighbours have the other color."""
+    """Adds weight (L q − d) / Σ a w to q where (i + j + k) mod 2 = color; all neighbours have the other colour."""
     i, j, c = wp.tid()
     i += rows.first
     q = dense(padded_inout)
@@ -103,7 +103,7 @@ def _relax_third(
     weight: float,
     padded_inout: wp.array3d[float],
 ):
-    """As `_relax_color` where (a_i + b_j + c_k) mod 3 = color: each is the index mod 2, or 2 where it is `last`."""
+    """Like `_relax_color` where (a_i + b_j + c_k) mod 3 = color: each is the index mod 2, or 2 for the index `last`."""
     i, j, c = wp.tid()
     i += rows.first
     q = dense(padded_inout)
@@ -131,7 +131,7 @@ def _copy_inner(rows: Rows, padded: wp.array3d[float], q_out: wp.array3d[float])
 
 
 class _Relaxation(IterativePressure):
-    """Sweeps, with a look at the residual now and then."""
+    """Sweeps, with a regular check of the residual."""
 
     def __init__(self, launcher: Launcher, problem: PressureProblem):
         """Allocates."""
@@ -154,7 +154,7 @@ class _Relaxation(IterativePressure):
 
 
 class JacobiPressure(_Relaxation):
-    """Damped Jacobi: all cells at once from the values before."""
+    """Damped Jacobi: all cells at once from the previous values."""
 
     def __init__(self, launcher: Launcher, problem: PressureProblem):
         """Allocates."""
@@ -170,9 +170,9 @@ class JacobiPressure(_Relaxation):
 
 
 class RedBlackPressure(_Relaxation):
-    """Over-relaxation of red, then black cells, by the weight that is best in the box without solids.
+    """Over-relaxation of red, then black cells, with the weight that is optimal in the box without solids.
 
-    Around a periodic axis with an odd number of cells a chessboard does not close: there cells have three colours.
+    Along a periodic axis with an odd number of cells a checkerboard does not close, so cells then have three colours.
     """
 
     def __init__(self, launcher: Launcher, problem: PressureProblem):
@@ -182,7 +182,7 @@ class RedBlackPressure(_Relaxation):
         self._is_odd_ring = any(
             n % 2 and side == "periodic" for n, side in zip(problem.shape, problem.sides[0::2], strict=True)
         )
-        # The last cells of such axes, or none.
+        # The last cell along each such axis, or −1.
         ends = zip(problem.shape, problem.sides[0::2], strict=True)
         self._last = wp.vec3i(*(n - 1 if n % 2 and side == "periodic" else -1 for n, side in ends))
 
@@ -198,9 +198,9 @@ class RedBlackPressure(_Relaxation):
 
 
 def over_relaxation(problem: PressureProblem) -> float:
-    """The best weight 2 / (1 + √(1 − ρ²)) for the box without solids (Young, 1954).
+    """Returns the optimal weight 2 / (1 + √(1 − ρ²)) for the box without solids (Young, 1954).
 
-    Jacobi's slowest mode shrinks by ρ = 1 − λ / 6 a sweep, with λ the least positive eigenvalue.
+    Jacobi's slowest mode shrinks by ρ = 1 − λ / 6 per sweep, with λ the least positive eigenvalue.
     """
     axes = [eigenvalues(n, *problem.sides[2 * axis : 2 * axis + 2]) for axis, n in enumerate(problem.shape)]
     least = sum(each[0] for each in axes)

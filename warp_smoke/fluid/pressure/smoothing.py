@@ -1,7 +1,6 @@
 """Weighted Jacobi sweeps and residuals on the levels of a multigrid V-cycle.
 
-Where faces are open or closed only as cells are fluid or solid, and e = 0 in solid cells, sums over neighbours need no
-weights: so on a level without them.
+On a level without weights, faces are closed only at solid cells, where e = 0, so sums over neighbours need no weights.
 """
 
 import warp as wp
@@ -17,7 +16,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def _neighbours(correction: wp.array3d[float], x: int, y: int, z: int):
-    """Σ e_neighbour: where faces are open or closed and e = 0 in solid cells, this needs no weights."""
+    """Returns Σ e_neighbour, which needs no weights where faces are closed only at solid cells with e = 0."""
     e = dense(correction)
     return e[x - 1, y, z] + e[x + 1, y, z] + e[x, y - 1, z] + e[x, y + 1, z] + e[x, y, z - 1] + e[x, y, z + 1]
 
@@ -32,7 +31,7 @@ def _weighted_neighbours(
     y: int,
     z: int,
 ):
-    """Σ w e_neighbour."""
+    """Returns Σ w e_neighbour."""
     e = dense(correction)
     ox = dense(wx)
     oy = dense(wy)
@@ -51,13 +50,13 @@ def _relaxed(here: float, neighbours: float, right: float, inverse: float, weigh
 
 @wp.func
 def _residual(here: float, neighbours: float, right: float, inverse: float):
-    """Residual d − L e, 0 where the cell has no open face."""
+    """Returns the residual d − L e, 0 if the cell has no open face."""
     return wp.where(inverse > 0.0, right - neighbours + here / wp.max(inverse, 1.0e-6), 0.0)
 
 
 @wp.func
 def _first(source: wp.array3d[float], inverse: wp.array3d[float], weight: float, x: int, y: int, z: int):
-    """First sweep from e = 0: −weight d / Σ w."""
+    """Returns the result of the first sweep from e = 0: −weight d / Σ w."""
     d = dense(source)
     m = dense(inverse)
     return -weight * m[x, y, z] * d[x, y, z]
@@ -193,7 +192,7 @@ def _sweep_and_sum(
     e_out: wp.array3d[float],
     parts_out: wp.array3d[wp.float64],
 ):
-    """As `_sweep`; parts of Σ d e_out."""
+    """Like `_sweep`; also the parts of Σ d e_out."""
     i, _, c = wp.tid()
     i += rows.first
     x = i + 1
@@ -272,7 +271,7 @@ def _measure_weighted(
 
 
 def fill_ghosts(launcher: Launcher, level: Level, a: wp.array) -> None:
-    """Makes a field of a level go on beyond periodic sides."""
+    """Fills the ghosts of a level's field beyond periodic sides."""
     copy_samples(launcher, level.ghosts, a, a)
 
 
@@ -297,7 +296,7 @@ def sweep(launcher: Launcher, level: Level, e: wp.array, weight: float, e_out: w
 
 
 def sweep_and_sum(launcher: Launcher, level: Level, e: wp.array, weight: float, e_out: wp.array, sums: Sums) -> None:
-    """As `sweep`, and sums Σ d e_out."""
+    """Like `sweep`; also sums d e_out."""
     if level.weights is None:
         fill_ghosts(launcher, level, e)
         args = (e, level.source, level.inverse, weight, e_out, sums.parts)

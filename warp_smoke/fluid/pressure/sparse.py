@@ -1,4 +1,4 @@
-"""Operators of multigrid levels as graphs, on the host: of a level, of the next where walls split cells, and inverses.
+"""Operators of multigrid levels as graphs, on the host: of a level, of the next one if walls split cells; inverses.
 
 Coarse cells are pieces of 2 × 2 × 2 blocks that walls divide (C. Dick, M. Rogowsky, R. Westermann, 2015).
 """
@@ -18,10 +18,10 @@ class Graph(NamedTuple):
 
     Attributes:
         links: w ≠ 0 between cells a < b, upper triangular [n, n].
-        outside: Σ w of each cell to where e = 0.
-        position: of the cells, [3, n]; neighbours are one apart along one axis.
-        upper: position along each axis from which on cells have no coarse cell, as an open side is there, [3, 1].
-        period: cells after which the first follows again along each axis, 0 where none does.
+        outside: Σ w of each cell over its faces to where e = 0, [n].
+        position: position of each cell, [3, n]; neighbours are one apart along one axis.
+        upper: position along each axis from which on cells have no coarse cell, as they are at an open side, [3, 1].
+        period: number of cells along each periodic axis, 0 for other axes, [3].
     """
 
     links: scipy.sparse.csr_array
@@ -31,20 +31,20 @@ class Graph(NamedTuple):
     period: np.ndarray
 
     def diagonal(self) -> np.ndarray:
-        """Σ w of each cell."""
+        """Returns Σ w of each cell, [n]."""
         return self.links.sum(axis=0) + self.links.sum(axis=1) + self.outside
 
     def neighbours(self) -> scipy.sparse.csr_array:
-        """Links in both directions, [n, n]."""
+        """Returns the links in both directions, [n, n]."""
         return (self.links + self.links.T).tocsr()
 
     def inverse(self) -> np.ndarray:
-        """L⁺, float32."""
+        """Returns the pseudo-inverse L⁺, [n, n] float32."""
         return pseudo_inverse((self.neighbours() - scipy.sparse.diags_array(self.diagonal())).toarray())
 
 
 def level_graph(level: Level, sides: tuple[str, ...]) -> Graph:
-    """The operator of a level between such sides, its cells in order."""
+    """Returns the operator of a level with these sides of the domain, with the cells in array order."""
     shape = level.shape
     cells = np.arange(prod(shape), dtype=np.int32).reshape(shape)
     outside = np.zeros(shape)
@@ -54,7 +54,7 @@ def level_graph(level: Level, sides: tuple[str, ...]) -> Graph:
         w = np.moveaxis(weights.numpy()[inside], axis, 0)
         along, leak = np.moveaxis(cells, axis, 0), np.moveaxis(outside, axis, 0)
         faces = [(along[:-1], along[1:], w[1:-1])]
-        if sides[2 * axis] == "periodic":  # its last faces are the first again
+        if sides[2 * axis] == "periodic":  # its last faces are the first ones
             faces.append((along[0], along[-1], w[0]))
         else:
             leak[0] += w[0]
@@ -72,7 +72,7 @@ def level_graph(level: Level, sides: tuple[str, ...]) -> Graph:
 
 
 def find_members(graph: Graph) -> np.ndarray:
-    """The coarse cell of each cell, −1 where it has none."""
+    """Returns the coarse cell of each cell, −1 if it has none."""
     block = graph.position // 2
     key = np.ravel_multi_index(block, block.max(axis=1) + 1)
     links = graph.links.tocoo()
@@ -87,7 +87,7 @@ def find_members(graph: Graph) -> np.ndarray:
 
 
 def coarsen(graph: Graph, members: np.ndarray) -> tuple[Graph, scipy.sparse.csr_array]:
-    """The coarse level of which cells are members, and the prolongation from it.
+    """Returns the coarse level whose cells have these members, and the prolongation from it.
 
     Weights are means of four; a fine cell takes E + ¼ Σ W (E_neighbour − E) over the coarse neighbours on its side.
     """
@@ -108,15 +108,15 @@ def coarsen(graph: Graph, members: np.ndarray) -> tuple[Graph, scipy.sparse.csr_
 
 
 def _prolongation(graph: Graph, members: np.ndarray, coarse: Graph) -> scipy.sparse.csr_array:
-    """E + ¼ Σ W (E_neighbour − E) for each cell over the coarse neighbours one further on its side of each axis."""
+    """Returns the matrix of E + ¼ Σ W (E_neighbour − E) over the coarse neighbours on each cell's side of each axis."""
     used, size = np.flatnonzero(members >= 0), len(coarse.outside)
     own = members[used]
     links = coarse.neighbours().tocoo()
     step = coarse.position[:, links.col] - coarse.position[:, links.row]
     for axis, n in enumerate(coarse.period):
-        if n:  # around a periodic axis, the shorter way
+        if n:  # along a periodic axis, the shorter way round
             step[axis] = (step[axis] + n // 2) % n - n // 2
-    # Links of a coarse cell in each of six directions: 2 axis + 1 upwards, 2 axis downwards.
+    # Links of a coarse cell in six directions, numbered 2 axis + 1 upwards and 2 axis downwards.
     straight = np.flatnonzero(np.abs(step).sum(axis=0) == 1)
     step = step[:, straight]
     direction = 2 * np.abs(step).argmax(axis=0) + (step.sum(axis=0) > 0)
@@ -134,22 +134,23 @@ def _prolongation(graph: Graph, members: np.ndarray, coarse: Graph) -> scipy.spa
 
 
 def spread_rows(matrix: scipy.sparse.csr_array, place: np.ndarray, room: int) -> scipy.sparse.csr_array:
-    """The matrix with its rows at ascending places among `room`, the others empty."""
+    """Returns the matrix with its rows moved to ascending indices `place` among `room` rows, the others empty."""
     entries = np.zeros(room + 1, int)
     entries[place + 1] = np.diff(matrix.indptr)
     return scipy.sparse.csr_array((matrix.data, matrix.indices, np.cumsum(entries)), shape=(room, matrix.shape[1]))
 
 
 def _upper_triangle(a: np.ndarray, b: np.ndarray, w: np.ndarray, size: int) -> scipy.sparse.csr_array:
-    """Links from the lower to the higher number, those between the same two cells summed."""
+    """Returns the links from the lower to the higher cell number; links between the same two cells are summed."""
     entries = (w.astype(np.float64), (np.minimum(a, b), np.maximum(a, b)))
     return scipy.sparse.coo_array(entries, shape=(size, size)).tocsr()
 
 
 def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
-    """L⁺ of a symmetric semidefinite matrix L, float32, whose null space is constants on connected components.
+    """Returns L⁺, float32, of a symmetric semidefinite L whose null space is constants on connected components.
 
-    With their unit vectors N and any s ≠ 0, L⁺ = (L + s N Nᵀ)⁻¹ − N Nᵀ / s: several times faster than eigenvectors.
+    With N the unit vectors of that space and s ≠ 0, L⁺ = (L + s N Nᵀ)⁻¹ − N Nᵀ / s: several times faster than by
+    eigenvectors.
     """
     count, label = scipy.sparse.csgraph.connected_components(scipy.sparse.csr_array(matrix), directed=False)
     sums = np.bincount(label, matrix.sum(axis=1), minlength=count)

@@ -1,7 +1,7 @@
 """Exact pressure in an empty box: sine and cosine transforms along k and j, a tridiagonal solve along i.
 
-The modes are those of `fluid/transforms.py`: pressure is 0 on open sides (odd) and has no slope on closed ones (even).
-Along axes that are periodic it has Hartley's; if i is, it is transformed too, and each mode divided by its eigenvalue.
+The modes are those of `fluid/transforms.py`: pressure is 0 on open sides (odd) and has slope 0 on closed ones (even).
+Periodic axes have Hartley's modes; if i is periodic, it is transformed too, and each mode divided by its eigenvalue.
 """
 
 from math import isfinite, sqrt
@@ -71,7 +71,7 @@ def _divide(
 
 @wp.kernel
 def _remove_mean_mode(rows: Rows, modes_inout: wp.array3d[float], mean_out: wp.array[float]):
-    """Takes the mean over i off modes_i00, which hold the sums over j and k."""
+    """Subtracts from modes_i00, which hold the sums over j and k, their mean over i."""
     n = rows.first + wp.tid()
     total = wp.float64(0.0)
     for i in range(modes_inout.shape[0]):
@@ -92,7 +92,7 @@ def _sum_residual(
     upper: wp.vec3,
     parts_out: wp.array3d[wp.float64],
 ):
-    """Parts of Σ d², max |d|, Σ r² and max |r|, with r = d − imbalance − L q."""
+    """Computes the parts of Σ d², max |d|, Σ r² and max |r|, with r = d − imbalance − L q."""
     i, _, c = wp.tid()
     i += rows.first
     nx = pressure.shape[0]
@@ -107,7 +107,7 @@ def _sum_residual(
     clear_part(parts, 1, i, start, end)
     clear_part(parts, 2, i, start, end)
     clear_part(parts, 3, i, start, end)
-    # Beyond sides of weight 1 lies the other end; beyond those of weight 2 and 0 nothing.
+    # Beyond sides of weight 1 is the other end of the domain; beyond those of weight 2 and 0 there is nothing.
     i_before = wp.where(i > 0, i - 1, nx - 1)
     i_after = wp.where(i < nx - 1, i + 1, 0)
     a0 = wp.where(i > 0 or lower[0] == 1.0, 1.0, 0.0)
@@ -139,19 +139,19 @@ _ENDS = {"open": ODD, "closed": EVEN, "periodic": PERIODIC}
 
 
 def _modes(n: int, *sides: str) -> Modes:
-    """Modes of an axis of n cells: q is continued odd at open sides, even at closed and again at periodic ones."""
+    """Returns the modes along an axis of n cells: q is odd at open sides, even at closed ones, or periodic."""
     return cell_modes(n, *(_ENDS[side] for side in sides))
 
 
 def eigenvalues(n: int, lower: str, upper: str) -> np.ndarray:
-    """λ of an axis of n cells between two sides, [n] float64: −λ q is its share of L q."""
+    """Returns λ for an axis of n cells between two sides, [n] float64: −λ q is that axis's part of L q."""
     return _modes(n, lower, upper).eigenvalues
 
 
 class SpectralPressure:
     """Direct solver for a box without solids, with any mix of open, closed and periodic sides.
 
-    In a box without open sides, the mean of the divergence is left out and the mean of the pressure is 0.
+    In a box without open sides, the mean of the divergence is ignored and the mean of the pressure is 0.
     """
 
     def __init__(self, launcher: Launcher, shape: _Shape, sides: tuple[str, ...]):
@@ -202,10 +202,10 @@ class SpectralPressure:
         )
 
     def invert(self, divergence: wp.array, pressure: wp.array) -> float:
-        """Solves as `solve`, without measuring the residual.
+        """Solves like `solve`, without measuring the residual.
 
         Returns:
-            The mean of the divergence where it had to be left out, else 0 [m/s].
+            The mean of the divergence if it had to be ignored, else 0 [m/s].
         """
         self._transforms.forward(divergence, pressure)
         imbalance = self._remove_mean(pressure) if self._singular else 0.0
@@ -220,16 +220,16 @@ class SpectralPressure:
         return imbalance
 
     def _remove_mean(self, modes: wp.array) -> float:
-        """Takes the mean off a field given by its modes, and returns it."""
+        """Subtracts the mean from a field given by its modes, and returns the mean."""
         nx, ny, nz = self._shape
-        if self._transforms_i:  # the first mode alone has a mean, and `_divide` leaves that out
+        if self._transforms_i:  # only the first mode has a mean, and `_divide` sets it to 0
             return float(modes[:1, :1, :1].numpy().item()) / sqrt(nx * ny * nz)
         self._launcher.launch_each(_remove_mean_mode, 1, modes, self._mean)
         return float(self._mean.numpy()[0]) / sqrt(ny * nz)
 
 
 def _tridiagonal_factor(shape: _Shape, sides: tuple[str, ...]) -> np.ndarray:
-    """Factor m of `_solve_tridiagonal`, [nx, ny, nz] float32; 0 where the singular mode of a closed box has its 1/0."""
+    """Returns factor m of `_solve_tridiagonal`, [nx, ny, nz] float32; 0 for the singular pivot of a closed box."""
     nx, ny, nz = shape
     across = eigenvalues(ny, *sides[2:4])[:, None] + eigenvalues(nz, *sides[4:6])
     ends = np.zeros(nx)

@@ -1,8 +1,8 @@
-"""Coarse levels on which a cell that walls divide is as many cells as it has pieces.
+"""Coarse levels on which a cell divided by walls becomes several cells, one for each piece.
 
-A coarse cell with a wall through it would tie the pressures on both sides together, and far too stiffly. So the cells
-of a 2 × 2 × 2 block that are connected inside it make up one coarse cell, and those that are not make up several
-(C. Dick, M. Rogowsky, R. Westermann, 2015). Such levels are lists of cells with sparse matrices by rows.
+A coarse cell with a wall through it would couple the pressures on both sides, far too stiffly. So each connected part
+of the cells of a 2 × 2 × 2 block makes up a coarse cell (C. Dick, M. Rogowsky, R. Westermann, 2015). Such levels are
+lists of cells with sparse matrices stored by rows.
 """
 
 import numpy as np
@@ -15,15 +15,15 @@ from warp_smoke.launch import Launcher, Rows
 
 wp.set_module_options({"enable_backward": False})
 
-# Arrays hold a multiple of this many cells, so that moving solids seldom need other arrays and launches.
+# Arrays are sized in multiples of this many cells, so that moving solids seldom need new arrays and launches.
 _GRAIN = 256
-# Sweeps on a last level with more cells: only thin layers between open sides end so, and they are well conditioned.
+# Sweeps on a last level with more cells, which only thin, well-conditioned layers between open sides have.
 LAST_SWEEPS = 8
 
 
 @wp.func
 def _row_product(first: wp.array[int], column: wp.array[int], value: wp.array[float], a: wp.array[float], n: int):
-    """Row n of a sparse matrix times a."""
+    """Returns the product of row n of a sparse matrix and a."""
     total = wp.float32(0.0)
     for m in range(first[n], first[n + 1]):
         total += value[m] * a[column[m]]
@@ -112,7 +112,7 @@ def _solve_rows(rows: Rows, inverse: wp.array2d[float], source: wp.array[float],
 
 
 class _Sparse:
-    """A sparse matrix by rows on the device, with room to change."""
+    """A sparse matrix stored by rows on the device, with spare capacity for changes."""
 
     def __init__(self, launcher: Launcher):
         self._launcher = launcher
@@ -120,7 +120,7 @@ class _Sparse:
         self.value = launcher.zeros(0, "pressure")
 
     def assign(self, matrix: scipy.sparse.csr_array, count: int) -> None:
-        """Takes in a matrix, with empty rows behind its own to make `count`."""
+        """Copies a matrix, padded with empty rows to `count` rows."""
         entries = _rounded(matrix.nnz)
         if count + 1 > self.first.size:
             self.first = self._launcher.zeros(count + 1, "pressure", int)
@@ -140,7 +140,7 @@ class _Sparse:
 
 
 class _List:
-    """A level: its operator, its work arrays, and the way from the next finer one and back."""
+    """A level: its operator, its work arrays, and restriction from and prolongation to the next finer level."""
 
     def __init__(self, launcher: Launcher):
         self._launcher = launcher
@@ -154,7 +154,7 @@ class _List:
         self.inverse, self.source, self.e, self.other = arrays
 
     def assign(self, graph: Graph, prolongation: scipy.sparse.csr_array) -> None:
-        """Takes in L of this level and the prolongation to the finer one."""
+        """Copies L of this level and the prolongation to the finer one."""
         diagonal = graph.diagonal()
         size = _rounded(len(diagonal))
         self.fine_size = prolongation.shape[0]
@@ -178,7 +178,7 @@ class SplitLevels:
 
         Args:
             launcher: where it runs.
-            weights: of the two sweeps.
+            weights: weights of the two sweeps.
         """
         self._launcher, self._weights = launcher, weights
         self._lists: list[_List] = []
@@ -190,8 +190,8 @@ class SplitLevels:
 
         Args:
             graph: the operator of that level.
-            place: where its cells are in its arrays, ascending.
-            room: how long those are.
+            place: indices of its cells in its arrays, ascending.
+            room: size of these arrays.
         """
         self._count = 0
         while True:

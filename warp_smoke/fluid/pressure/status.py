@@ -1,4 +1,4 @@
-"""What a pressure solver is given, and what it reports."""
+"""The input of a pressure solver, and its report."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
@@ -11,14 +11,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class PressureProblem:
-    """What a pressure solver is made for.
+    """The problem that a pressure solver is made for.
 
     Attributes:
         shape: cells along each axis (nx, ny, nz).
         sides: open, closed or periodic for each of -x +x -y +y -z +z.
         solids: the domain's solids, or None.
-        tolerance: of iterative solvers: largest |r| and rms r, relative to those of zero pressure.
-        max_iterations: of iterative solvers.
+        tolerance: for iterative solvers: largest |r| and rms r, relative to those of zero pressure.
+        max_iterations: for iterative solvers.
     """
 
     shape: tuple[int, int, int]
@@ -33,9 +33,9 @@ class PressureStatus:
     """How well a pressure was solved for.
 
     Attributes:
-        iterations: 1 for a direct solver.
+        iterations: number of iterations; 1 for a direct solver.
         max_residual, rms_residual: of r = d − L q over the fluid, relative to those of zero pressure.
-        converged: whether both are within the tolerance, or as small as a pressure in float32 can make them.
+        converged: whether both are within the tolerance, or as small as a pressure in float32 allows.
         imbalance: largest net divergence per cell that a closed box or pocket held, and that no pressure can remove;
             it is left out of the residual [m/s].
     """
@@ -48,7 +48,7 @@ class PressureStatus:
 
 
 class PressureSolver(Protocol):
-    """What all pressure solvers offer."""
+    """The interface of all pressure solvers."""
 
     def solve(self, divergence: wp.array, pressure: wp.array) -> PressureStatus:
         """Solves Σ (q_neighbour − q) = d.

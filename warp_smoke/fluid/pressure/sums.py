@@ -1,4 +1,4 @@
-"""Sums over the grid in float64: kernels add up parts, the host adds the parts, always in the same order."""
+"""Sums over the grid in float64: kernels compute parts and the host adds the parts, always in the same order."""
 
 import warp as wp
 
@@ -7,7 +7,7 @@ from warp_smoke.launch import Launcher
 
 @wp.func
 def dense_parts(a: wp.array3d[wp.float64]):
-    """The parts of `Sums` with strides that follow from their shape, as `warp_smoke.launch.dense`."""
+    """Returns the parts of `Sums` with strides derived from their shape, like `warp_smoke.launch.dense`."""
     return wp.array(ptr=a.ptr, shape=(a.shape[0], a.shape[1], a.shape[2]), dtype=wp.float64)
 
 
@@ -28,7 +28,7 @@ def add_product(parts: wp.array3d[wp.float64], i: int, k: int, a: float, b: floa
 
 @wp.func
 def add_residual(parts: wp.array3d[wp.float64], n: int, i: int, k: int, r: float):
-    """Adds r² to the n-th sum, and |r| to the maximum that comes after it."""
+    """Adds r² to the n-th sum, and includes |r| in the maximum after it."""
     wide = wp.float64(r)
     parts[n, i, k] = parts[n, i, k] + wide * wide
     parts[n + 1, i, k] = wp.max(parts[n + 1, i, k], wp.abs(wide))
@@ -37,8 +37,8 @@ def add_residual(parts: wp.array3d[wp.float64], n: int, i: int, k: int, r: float
 class Sums:
     """Several sums or maxima over one grid.
 
-    A kernel launched over `launch_shape` covers all j of one i and adds to its own `parts[n, i, k]`: along k the parts
-    are independent, so the loop is vectorised, which a sum in one variable is not.
+    A kernel launched over `launch_shape` covers all j for one i and adds to its own `parts[n, i, k]`: the parts along k
+    are independent, so the loop is vectorised, unlike a sum in one variable.
 
     Attributes:
         shape: cells along each axis (nx, ny, nz).
@@ -54,9 +54,9 @@ class Sums:
         self.launch_shape = (nx, 1, nz)
 
     def sum(self, n: int) -> float:
-        """The n-th result as a sum."""
+        """Returns the n-th result as a sum."""
         return float(self.parts.numpy()[n].sum())
 
     def largest(self, n: int) -> float:
-        """The n-th result as a maximum."""
+        """Returns the n-th result as a maximum."""
         return float(self.parts.numpy()[n].max())

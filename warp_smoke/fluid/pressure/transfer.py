@@ -1,4 +1,4 @@
-"""Restriction and prolongation between levels of a multigrid V-cycle: the one is half the transpose of the other."""
+"""Restriction and prolongation between levels of a multigrid V-cycle; one is half the transpose of the other."""
 
 import warp as wp
 
@@ -11,19 +11,19 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def _sum_x(r: wp.array3d[float], x: int, y: int, z: int):
-    """Sum over the four cells from (x, y, z) on across x."""
+    """Returns the sum over the four cells from (x, y, z) on across x."""
     return r[x, y, z] + r[x, y, z + 1] + r[x, y + 1, z] + r[x, y + 1, z + 1]
 
 
 @wp.func
 def _sum_y(r: wp.array3d[float], x: int, y: int, z: int):
-    """Sum over the four cells from (x, y, z) on across y."""
+    """Returns the sum over the four cells from (x, y, z) on across y."""
     return r[x, y, z] + r[x, y, z + 1] + r[x + 1, y, z] + r[x + 1, y, z + 1]
 
 
 @wp.func
 def _sum_z(r: wp.array3d[float], x: int, y: int, z: int):
-    """Sum over the four cells from (x, y, z) on across z."""
+    """Returns the sum over the four cells from (x, y, z) on across z."""
     return r[x, y, z] + r[x, y + 1, z] + r[x + 1, y, z] + r[x + 1, y + 1, z]
 
 
@@ -38,7 +38,7 @@ def _restrict(
 ):
     """On the next level, d = ½ (Σ r + ¼ Σ W (r beyond the face − r inside)).
 
-    Sums are over the eight cells of a coarse one, and over the four on either side of each of its faces: half the
+    Sums are over the eight fine cells of a coarse cell, and over the four on either side of each of its faces: half the
     transpose of `_prolong`, so that the cycle is symmetric.
     """
     i, j, c = wp.tid()
@@ -113,12 +113,12 @@ def _prolong(
 
 
 def restrict(launcher: Launcher, level: Level, residual: wp.array, coarse: Level) -> None:
-    """Sets d of the next level from a residual of one."""
+    """Sets d of the next coarser level from the residual of a level."""
     fill_ghosts(launcher, level, residual)
     launcher.launch(_restrict, coarse.shape, residual, *coarse.weights, coarse.source)
 
 
 def prolong(launcher: Launcher, coarse: Level, level: Level, e: wp.array, e_out: wp.array) -> None:
-    """Sets e_out to e plus the correction from the next level."""
+    """Sets e_out to e plus the correction from the next coarser level."""
     fill_ghosts(launcher, coarse, coarse.e)
     launcher.launch(_prolong, level.shape, coarse.e, *coarse.weights, level.inverse, e, e_out)

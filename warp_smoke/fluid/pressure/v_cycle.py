@@ -1,9 +1,9 @@
-"""Multigrid V-cycle as preconditioner of the pressure around solids.
+"""Multigrid V-cycle as a preconditioner for the pressure around solids.
 
-A. Brandt (1977); for smoke among solids A. McAdams, E. Sifakis, J. Teran (2010). Two Jacobi sweeps, weighted for
-Chebyshev's polynomial, come before and two, in reverse, after the correction from the next level; restriction is half
-the transpose of prolongation: so the cycle is symmetric and positive definite. Below the first level on which walls
-split cells, the levels are those of `split_levels`.
+A. Brandt (1977); for smoke among solids A. McAdams, E. Sifakis, J. Teran (2010). Two Jacobi sweeps, with the weights of
+a Chebyshev polynomial, precede the correction from the next level, and two in reverse order follow it; restriction is
+half the transpose of prolongation, so the cycle is symmetric and definite. Below the first level on which walls split
+cells, the levels are those of `split_levels`.
 """
 
 from functools import partial
@@ -23,10 +23,10 @@ from warp_smoke.launch import Launcher, Rows
 
 wp.set_module_options({"enable_backward": False})
 
-# Inverse roots of Chebyshev's polynomial of degree 2 over the upper part of the spectrum of L / Σ w.
+# Inverse roots of the Chebyshev polynomial of degree 2 over the upper part of the spectrum of L / Σ w.
 _WEAK, _STRONG = 0.5695, 1.732
 _SMALL = 32768  # cells
-# Blocks of the finest level that may be split by walls, as a share of a slice through the box.
+# Blocks of the finest level that walls may split, as a share of a slice through the box.
 _SPLIT_SHARE = 0.125
 
 
@@ -50,22 +50,21 @@ class VCycle:
     """Approximate inverse of the pressure's operator around solids.
 
     Attributes:
-        residual, correction: what it is applied to, and the result; [nx+3, ny+3, nz+3], cell (i, j, k) at
-            (i+1, j+1, k+1).
+        residual, correction: its input and result; [nx+3, ny+3, nz+3], cell (i, j, k) at (i+1, j+1, k+1).
         border: 1, the layer of zeros below.
     """
 
     border = 1
 
     def __init__(self, launcher: Launcher, shape: tuple[int, int, int], sides: tuple[str, ...]):
-        """Allocates; `prepare` takes in the solids.
+        """Allocates; `prepare` takes the solids into account.
 
         Args:
             launcher: where it runs.
             shape: cells along each axis (nx, ny, nz).
             sides: open, closed or periodic for each of -x +x -y +y -z +z.
         """
-        # Around an axis of one cell nothing flows by itself.
+        # Along a periodic axis of one cell, pressure drives no flow.
         thin = [n == 1 and side == "periodic" for n, side in zip(shape, sides[0::2], strict=True)]
         sides = tuple("closed" if thin[number // 2] else side for number, side in enumerate(sides))
         self._launcher, self._sides = launcher, sides
@@ -82,7 +81,7 @@ class VCycle:
         self._direct = launcher.zeros((cells, cells), "pressure") if cells <= FEW_CELLS else None
 
     def prepare(self, operator: FaceWeights) -> None:
-        """Takes in which faces are open: each wholly or not at all."""
+        """Prepares the levels for the operator, whose faces are fully open or closed."""
         self._grid.prepare(operator)
         levels = self._grid.levels
         self._levels = levels[: self._count_unsplit()]
@@ -99,9 +98,9 @@ class VCycle:
             self._solve_small = self._launcher.record(partial(self._solve, self._first_small))
 
     def _count_unsplit(self) -> int:
-        """Levels down to the first with blocks that walls split.
+        """Counts the levels down to the first with blocks that walls split.
 
-        On the finest, where lists of cells are costly, a few such blocks are let pass.
+        On the finest level, where lists of cells are expensive, a few such blocks are tolerated.
         """
         levels = self._grid.levels
         for number, coarse in enumerate(levels[1:]):
@@ -118,7 +117,7 @@ class VCycle:
         return self._sums.sum(0)
 
     def _solve(self, number: int) -> None:
-        """Solves a level but for its last sweep: in `other`."""
+        """Solves a level except for its last sweep; the result is in `other`."""
         launcher, level = self._launcher, self._levels[number]
         if number + 1 == len(self._levels):
             self._solve_last(level)
@@ -136,7 +135,7 @@ class VCycle:
         sweep(launcher, level, level.e, _STRONG, level.other)
 
     def _solve_last(self, last: Level) -> None:
-        """Solves the last level but for its last sweep: in `other`."""
+        """Solves the last level except for its last sweep; the result is in `other`."""
         launcher = self._launcher
         if self._splits:
             sweep_twice(launcher, last, _WEAK, _STRONG, last.other)
