@@ -42,7 +42,8 @@ class Light(Prim):
         shadow_enable: whether it casts shadows.
         shadow_bias, shadow_slope_bias: [stage units]; None = the smallest free of shadow acne.
         shadow_map_size: texels along a side of a depth map.
-        shadow_near, shadow_far: depth range [stage units], not used by distant lights; None = what the scene needs.
+        shadow_near, shadow_far: casters nearer than the one are ignored, and points beyond the other are lit [stage
+            units]; not used by distant lights; None = what the scene needs.
         shadow_filter: with a depth map: hard, pcf_grid, pcf_disk, pcf_disk_view (wider with distance from the camera)
             or pcss (penumbra from the light's size); with rays: exact (one for each point) or area (many).
         shadow_softness: half-width of the pcf filters [stage units]; None = from the depth map's texels, or for
