@@ -1,4 +1,4 @@
-"""Where a light's shadows may fall: tiles of directions from which a caster may be met. All else is lit, unseen."""
+"""Where a light's shadows may fall: tiles of directions in which there may be a caster. The rest is lit, untested."""
 
 import numpy as np
 import warp as wp
@@ -13,12 +13,12 @@ _TILE = wp.constant(TILE)
 
 @wp.struct
 class CasterMask:
-    """Tiles of one map, or of six faces of a cube, around a light or at right angles to a distant one.
+    """Tiles of one map, or of six faces of a cube, around a light or perpendicular to a distant one.
 
     Attributes:
         tiles: 1 where a caster may lie, [faces, rows, columns].
         size: texels along a side, `TILE` in a tile.
-        frames: axes s, t and the way it looks of each face, one a row, [faces].
+        frames: axes s, t and viewing direction of each face, one per row, [faces].
         origin: the light, or the middle of a distant light's map, in set space.
         half_width: of a face, at distance 1 from the light or, for a distant light, in stage units.
         perspective: 1, or 0 for a distant light.
@@ -48,7 +48,7 @@ def face_towards(r: wp.vec3):
 
 @wp.func
 def may_be_shadowed(m: CasterMask, point: wp.vec3):
-    """Whether a caster may be met around the direction from the light to a point; never beside the map."""
+    """Whether there may be a caster around the direction from the light to a point; false outside the map."""
     r = point - m.origin
     face = wp.int32(0)
     if m.tiles.shape[0] == 6:
@@ -74,7 +74,7 @@ class CasterTiles:
     """
 
     def __init__(self, launcher: Launcher, faces: int, size: int):
-        """Allocates tiles for so many faces of size² texels."""
+        """Allocates tiles for this number of faces of size² texels."""
         count = -(-size // TILE)
         self._size = size
         self._tiles = launcher.zeros((faces, count, count), "shadow_mask", dtype=int)

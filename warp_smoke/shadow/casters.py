@@ -9,15 +9,15 @@ from warp_smoke.record import Samples, value_at
 from warp_smoke.scene import Surface
 from warp_smoke.shadow.coverage import casting_boxes, patches_of
 
-# Rounding in a ray–box test moves a ray by about 3 units in the last place of the distance; with boxes that are not
-# larger than their triangles, one ray in a hundred that is aimed at an edge would slip through a closed mesh (Ize,
-# 2013, "Robust BVH ray traversal").
+# Rounding in a ray–box test moves a ray by about 3 units in the last place of the distance; with boxes no larger than
+# their triangles, one in a hundred rays aimed at an edge would slip through a closed mesh (Ize, 2013, "Robust BVH Ray
+# Traversal").
 _BOX_MARGIN = 16 * float(np.finfo(np.float32).eps)
 
 
 @wp.func
 def nearest_hit(mesh: wp.uint64, start: wp.vec3, direction: wp.vec3, end: float, cull: float):
-    """Ray parameter of the nearest hit, or −1; with `cull` > 0 of the nearest face that is turned away."""
+    """Ray parameter of the nearest hit, or −1; with `cull` > 0 of the nearest face that is turned away from the ray."""
     found = wp.float32(-1.0)
     passed = wp.float32(0.0)
     searching = wp.int32(1)
@@ -26,7 +26,7 @@ def nearest_hit(mesh: wp.uint64, start: wp.vec3, direction: wp.vec3, end: float,
         searching = wp.int32(0)
         if hit.result:
             if cull > 0.0 and wp.dot(hit.normal, direction) < 0.0:
-                # On past this front: a back nearer behind it than rounding is passed with it.
+                # Continue past this front face; a back face within rounding behind it is passed too.
                 passed = wp.max((passed + hit.t) * 1.000001, passed + 1.0e-30)
                 searching = wp.where(passed < end, 1, 0)
             else:
@@ -59,7 +59,7 @@ class Casters:
 
     @property
     def extent(self) -> float:
-        """The largest coordinate in set space [stage units]: rounding errors are in proportion to it."""
+        """The largest coordinate in set space [stage units]: rounding errors are proportional to it."""
         return float(max(np.abs(self.lower).max(), np.abs(self.upper).max()))
 
     def update(self, time: float) -> None:
@@ -85,22 +85,22 @@ class Casters:
             self.mesh.points.assign(self._boxes(triangles))
             self.mesh.refit()
         self.triangles = triangles[self._by_patch]
-        # The hierarchy keeps the boxes' bounds; from here on its leaves hold the triangles themselves.
+        # The hierarchy keeps the boxes' bounds; from here on its leaves refer to the triangles themselves.
         self.mesh.points.assign(triangles.reshape(-1, 3))
         self.version += 1
 
     def follow(self, frames: range) -> None:
-        """Gives the hierarchy the shape that it has after an update at each of these frames.
+        """Gives the hierarchy the shape that it would have after an update at each of these frames.
 
-        It is built anew when other surfaces are visible; which of the triangles at one distance a ray hits may follow
-        from when that was.
+        It is rebuilt when the set of visible surfaces changes; when that last happened may decide which of several
+        triangles at the same distance a ray hits.
         """
         shown = [[bool(value_at(surface.visible, time)) for surface in self._surfaces] for time in frames]
         changes = [time for time, before, now in zip(frames[1:], shown, shown[1:], strict=False) if before != now]
         self.update(changes[-1] if changes else frames[0])
 
     def boxes_behind_which(self, receivers: np.ndarray, light: np.ndarray, slack: float) -> np.ndarray:
-        """Bounds of the patches of surfaces that may shadow receivers, [n, 2, 3]; see `coverage.casting_boxes`."""
+        """Returns bounds of the patches that may shadow receivers, [n, 2, 3]; see `coverage.casting_boxes`."""
         return casting_boxes(self.triangles, self._patches, receivers, light, slack)
 
     def _corners(self, index: int, time: float) -> np.ndarray:
@@ -112,7 +112,7 @@ class Casters:
         world = transform_points(matrix, surface.mesh.points_at(time))
         order = surface.mesh.triangles[:, ::-1] if winding_flips(matrix) else surface.mesh.triangles
         corners = (world - self.origin).astype(np.float32)[order]
-        # A ray that starts on a triangle without area could hit it by rounding, but never hits a point.
+        # A ray that starts on a triangle without area could hit it by rounding; collapsed to a point it is never hit.
         edges = np.diff(corners.astype(np.float64), axis=1)
         flat = ~np.any(np.cross(edges[:, 0], edges[:, 1]), axis=1)
         corners[flat] = corners[flat, :1]
@@ -121,7 +121,7 @@ class Casters:
         return corners
 
     def _boxes(self, triangles: np.ndarray) -> np.ndarray:
-        """Three points for each triangle that span its bounding box and a margin, [3 m, 3] float32."""
+        """Three points per triangle that span its bounding box plus a margin, [3 m, 3] float32."""
         margin = np.float32(_BOX_MARGIN * self.extent)
         lower, upper = triangles.min(axis=1) - margin, triangles.max(axis=1) + margin
         return np.stack([lower, upper, lower], axis=1).reshape(-1, 3)

@@ -1,8 +1,8 @@
 """Which tiles of a depth map can hold a shadow: those over which both a caster and a receiver may lie.
 
-Everything is bounded by boxes along the axes of set space. Seen from a point, the box [x₀, x₁] × … spans on the plane
+Everything is bounded by axis-aligned boxes in set space. Seen from a point, the box [x₀, x₁] × … spans on the plane
 z = 1 exactly the slopes between min x/z and max x/z over its corners in front. Rectangles are given as
-(lower s, upper s, lower t, upper t) with the map's sides at −1 and 1; lower > upper stands for none.
+(lower s, upper s, lower t, upper t) with the map's sides at −1 and 1; lower > upper means none.
 """
 
 from itertools import product
@@ -12,15 +12,15 @@ import numpy as np
 # Rays of a tile of 8 × 8 texels pass through the same part of the hierarchy.
 TILE = 8
 
-# A tile lists the triangles that its rays may meet where they are at most so many, in scenes of at most so many: there
-# it takes less time to test them all than to pass through the hierarchy.
+# A tile lists the triangles that its rays may hit if there are at most this many, in scenes of at most this many: it is
+# then faster to test them all than to traverse the hierarchy.
 TRIANGLES_IN_TILE = 15
 TRIANGLES_IN_LISTS = 1024
 
-# Texels that the mask of casters resolves where there is no depth map.
+# Texels along a side of the caster mask where there is no depth map.
 MASK_SIZE = 512
 
-# Axes of each face of a cube map: s to the right, t down, and the way it looks; OpenGL's order and orientation.
+# Axes of each face of a cube map: s to the right, t down, and viewing direction; OpenGL's order and orientation.
 CUBE_FRAMES = np.array(
     [
         [[0, 0, -1], [0, -1, 0], [1, 0, 0]],
@@ -33,10 +33,10 @@ CUBE_FRAMES = np.array(
     np.float64,
 )
 FACE_NAMES = ("+X", "-X", "+Y", "-Y", "+Z", "-Z")
-# Half angle of the widest cone that one map serves [degrees]: beyond, its texels are more than twice as wide in the
-# middle as those of a cube map.
+# Half angle of the widest cone that one map serves [degrees]: beyond it, texels in the middle are more than 1.7 times
+# as wide as those of a cube map.
 WIDEST_CONE = 60.0
-# Cells of the grid that sorts a surface's triangles, along each axis: a thousand boxes follow a silhouette well.
+# Cells along each axis of the grid that sorts a surface's triangles: a thousand boxes follow a silhouette well.
 _PATCHES_ALONG = 16
 _CORNERS = np.array(list(product((0, 1), repeat=3)))
 _NONE = np.array([1.0, -1.0, 1.0, -1.0])
@@ -44,19 +44,19 @@ _ALL = np.array([-1.0, 1.0, -1.0, 1.0])
 
 
 def frame_along(direction: np.ndarray) -> np.ndarray:
-    """Right-handed unit axes s, t and the direction itself, one a row, [3, 3]."""
+    """Returns right-handed unit axes s, t and the direction itself, one per row, [3, 3]."""
     s_axis = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
     s_axis /= np.linalg.norm(s_axis)
     return np.stack([s_axis, np.cross(direction, s_axis), direction])
 
 
 def box_corners(boxes: np.ndarray) -> np.ndarray:
-    """Corners of boxes [n, 2, 3], [n, 8, 3]."""
+    """Returns the corners of boxes [n, 2, 3], as [n, 8, 3]."""
     return np.where(_CORNERS[None], boxes[:, 1, None], boxes[:, 0, None])
 
 
 def cube_rectangles(boxes: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Rectangles that boxes [n, 2, 3] fill on the faces of a cube map around a point, [n, 6, 4]."""
+    """Returns the rectangles that boxes [n, 2, 3] fill on the faces of a cube map around a point, [n, 6, 4]."""
     found = np.empty((len(boxes), 6, 4))
     for face, frame in enumerate(CUBE_FRAMES):
         ends = (np.asarray(boxes, np.float64) - position) @ frame.T
@@ -71,13 +71,13 @@ def cube_rectangles(boxes: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def cone_rectangles(boxes: np.ndarray, position: np.ndarray, frame: np.ndarray, tangent: float) -> np.ndarray:
-    """Rectangles of boxes on one perspective map, [n, 1, 4].
+    """Returns the rectangles of boxes on one perspective map, [n, 1, 4].
 
     Args:
         boxes: [n, 2, 3].
         position: of the light.
-        frame: unit axes s, t and the way it looks, one a row, [3, 3].
-        tangent: of the angle between the way it looks and the middle of a side.
+        frame: unit axes s, t and viewing direction, one per row, [3, 3].
+        tangent: of the angle between the viewing direction and the middle of a side.
     """
     local = (box_corners(boxes) - position) @ frame.T
     ahead = local[..., 2] > 0.0
@@ -90,11 +90,11 @@ def cone_rectangles(boxes: np.ndarray, position: np.ndarray, frame: np.ndarray, 
 
 
 def flat_rectangles(boxes: np.ndarray, frame: np.ndarray, corner: np.ndarray, width: float) -> np.ndarray:
-    """Rectangles of boxes on an orthographic map, [n, 1, 4].
+    """Returns the rectangles of boxes on an orthographic map, [n, 1, 4].
 
     Args:
         boxes: [n, 2, 3].
-        frame: unit axes s, t and the direction, one a row, [3, 3].
+        frame: unit axes s, t and the direction, one per row, [3, 3].
         corner: s and t of the map's upper left corner.
         width: of the map.
     """
@@ -104,9 +104,9 @@ def flat_rectangles(boxes: np.ndarray, frame: np.ndarray, corner: np.ndarray, wi
 
 
 def covered_tiles(rectangles: np.ndarray, size: int) -> np.ndarray:
-    """Which tiles of each face any of the rectangles [n, faces, 4] may touch, [faces, rows, columns] bool.
+    """Returns which tiles of each face any of the rectangles [n, faces, 4] may touch, [faces, rows, columns] bool.
 
-    Rectangles grow by a texel on each side, which takes up rounding.
+    Rectangles are grown by a texel on each side to absorb rounding.
     """
     count = -(-size // TILE)
     margin = 2.0 / size
@@ -117,7 +117,7 @@ def covered_tiles(rectangles: np.ndarray, size: int) -> np.ndarray:
     index = np.floor((np.clip(grown, -1.0, 1.0) + 1.0) * (0.5 * size / TILE)).astype(int).clip(0, count - 1)
     box, face = np.nonzero(seen)
     left, right, top, bottom = index[box, face].T
-    # Each rectangle as four steps, whose running sums along rows and columns are the number of rectangles on a tile.
+    # Each rectangle becomes four steps, whose running sums along rows and columns count the rectangles on each tile.
     steps = np.zeros((rectangles.shape[1], count + 1, count + 1), int)
     for row, column, step in ((top, left, 1), (top, right + 1, -1), (bottom + 1, left, -1), (bottom + 1, right + 1, 1)):
         np.add.at(steps, (face, row, column), step)
@@ -125,14 +125,14 @@ def covered_tiles(rectangles: np.ndarray, size: int) -> np.ndarray:
 
 
 def patches_of(triangles: np.ndarray, owners: np.ndarray) -> np.ndarray:
-    """Sorts triangles into patches that are bounded well by boxes: cells of a coarse grid over each surface.
+    """Sorts triangles into patches with tight bounding boxes: cells of a coarse grid over each surface.
 
     Args:
         triangles: corners, [m, 3, 3].
-        owners: index of the surface of each, [m], in order.
+        owners: surface index of each triangle, [m], ascending.
 
     Returns:
-        Number of the patch of each, [m]; patches of a surface follow those of the surfaces before it.
+        Patch number of each triangle, [m]; patches of a surface follow those of the surfaces before it.
     """
     patches = np.zeros(len(triangles), np.int64)
     for owner in np.unique(owners):
@@ -148,17 +148,17 @@ def patches_of(triangles: np.ndarray, owners: np.ndarray) -> np.ndarray:
 def casting_boxes(
     triangles: np.ndarray, owners: np.ndarray, receivers: np.ndarray, light: np.ndarray, slack: float
 ) -> np.ndarray:
-    """Bounds of what may shadow the receivers, a box for each group of triangles that does, [n, 2, 3].
+    """Returns bounds of what may shadow the receivers, a box for each group of such triangles, [n, 2, 3].
 
-    A triangle shadows nothing if no receiver lies behind its plane, as with the walls around a room and the ground
-    under it.
+    A triangle shadows nothing if no receiver lies behind its plane, as with the walls of a room and the ground under
+    it.
 
     Args:
         triangles: corners, [m, 3, 3].
-        owners: number of the group of each, [m], in order.
+        owners: group number of each triangle, [m], ascending.
         receivers: boxes of the receivers, [r, 2, 3].
         light: position and 1, or the direction towards the light and 0, [4].
-        slack: distance from a plane that counts as in it.
+        slack: distance from a plane up to which a point counts as on it.
     """
     if not len(owners):
         return np.zeros((0, 2, 3))
@@ -182,17 +182,17 @@ def casting_boxes(
 
 
 def nearest_distance(boxes: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Distance of each box [n, 2, 3] from a point, [n]."""
+    """Returns the distance of each box [n, 2, 3] from a point, [n]."""
     return np.linalg.norm(np.clip(position, boxes[:, 0], boxes[:, 1]) - position, axis=1)
 
 
 def tile_lists(faces: int, size: int, triangles: int) -> tuple[int, int]:
-    """Tiles and entries of the lists of triangles, of a map's faces of size² texels; none for too many."""
+    """Returns the shape of a map's triangle lists: tiles (0 for too many triangles) and entries per tile."""
     tiles = faces * (-(-size // TILE)) ** 2
     return (tiles if triangles <= TRIANGLES_IN_LISTS else 0), 1 + TRIANGLES_IN_TILE
 
 
 def launch_size(tiles: int) -> int:
-    """A number of tiles no less than asked for, of few different ones: launches are recorded by their size."""
+    """Rounds a number of tiles up to one of a few values, since launches are recorded by their size."""
     step = max(1, 2 ** (tiles.bit_length() - 4))
     return -(-tiles // step) * step

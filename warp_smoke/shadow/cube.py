@@ -1,6 +1,6 @@
 """Shadows of a point light by a depth cube map.
 
-Faces in OpenGL's order and orientation, +X −X +Y −Y +Z −Z along the world's axes.
+Faces are in OpenGL's order and orientation, +X −X +Y −Y +Z −Z along the world's axes.
 """
 
 import numpy as np
@@ -33,7 +33,7 @@ class CubeShadow(PointMapShadow):
         return found
 
     def depth_picture(self) -> np.ndarray:
-        """The stored depths as a cross, +Z in the middle and +Y above it, [3 size, 4 size] uint8 (white = far)."""
+        """Returns the stored depths as a cross, +Z in the middle, +Y above it, [3 size, 4 size] uint8 (white = far)."""
         depth = np.round(255.0 * self._depths.depth.numpy()).astype(np.uint8)
         size = depth.shape[1]
         picture = np.zeros((3 * size, 4 * size), np.uint8)
@@ -43,6 +43,6 @@ class CubeShadow(PointMapShadow):
 
 
 def touched_faces(light: SpotLight, time: float) -> np.ndarray:
-    """The cube faces that a spot light's cone may touch."""
+    """Returns the cube faces that a spot light's cone may touch."""
     angle = np.arccos(np.clip(CUBE_FRAMES[:, 2] @ light.direction_at(time), -1.0, 1.0))
     return np.flatnonzero(angle <= np.radians(light.cone_angle) + _CORNER_ANGLE + 1e-6)

@@ -1,4 +1,4 @@
-"""Depth maps and how they are ray-cast, tile by tile: the six faces of a cube, a cone's, or a distant light's one.
+"""Depth maps and their ray casting, tile by tile: six faces of a cube, or one for a cone or a distant light.
 
 LearnOpenGL, *Point Shadows* and *Shadow Mapping*, describes the rasterised originals.
 A texel stores the distance to the nearest surface along the ray through its centre, divided by the far distance; 1
@@ -25,15 +25,15 @@ class MapRays:
     """The rays of a depth map.
 
     Attributes:
-        frames: axes s, t and the way it looks of each face, one a row, [faces].
+        frames: axes s, t and viewing direction of each face, one per row, [faces].
         perspective: 1, or 0 for a distant light, whose rays are parallel.
         origin: the light in set space; zero for a distant one.
-        depth: of the plane that s and t are in: 1, or the depth in set space at which a distant light's rays begin.
+        depth: of the plane that s and t lie in: 1, or the depth in set space at which a distant light's rays begin.
         s, t: of the upper left corner.
         texel: side of a texel.
         start: distance at which hits begin.
         far: distance at which rays end, and the unit of depth.
-        cull: above 0, faces turned to the light do not count.
+        cull: if above 0, faces turned to the light do not count.
     """
 
     frames: wp.array[wp.mat33]
@@ -54,7 +54,7 @@ class TileList:
 
     Attributes:
         tiles: their indices over faces, rows and columns.
-        count: how many.
+        count: number of tiles.
     """
 
     tiles: wp.array[int]
@@ -69,7 +69,7 @@ def tile_place(index: int, across: int):
 
 @wp.func
 def place_on(r: MapRays, face: int, row: float, column: float):
-    """The place, as `seen_triangles` has it, of a point of a face that is given in texels."""
+    """The place (see `seen_triangles`) of a point on a face, given in texels."""
     place = wp.vec3(r.s + r.texel * column, r.t + r.texel * row, 1.0)
     if r.perspective == 1:
         place = wp.transpose(r.frames[face]) * place
@@ -78,7 +78,7 @@ def place_on(r: MapRays, face: int, row: float, column: float):
 
 @wp.func
 def hit_distance(mesh: wp.uint64, r: MapRays, face: int, place: wp.vec3):
-    """Distance of the nearest hit of the ray through a place, by the hierarchy, or −1."""
+    """Distance of the nearest hit of the ray through a place, found with the hierarchy, or −1."""
     first = place
     ray = place
     if r.perspective == 0:
@@ -93,7 +93,7 @@ def hit_distance(mesh: wp.uint64, r: MapRays, face: int, place: wp.vec3):
 
 @wp.func
 def listed_distance(seen: SeenTriangles, r: MapRays, tile: int, place: wp.vec3):
-    """Distance of the nearest of a tile's triangles along the ray through a place, or −1."""
+    """Distance of the nearest of a tile's listed triangles along the ray through a place, or −1."""
     distance = wp.float32(-1.0)
     if r.perspective == 1:
         length = wp.length(place)
@@ -111,7 +111,7 @@ def listed_distance(seen: SeenTriangles, r: MapRays, tile: int, place: wp.vec3):
 def _list_triangles(
     rows: Rows, r: MapRays, seen: SeenTriangles, where: TileList, across: int, listed_out: wp.array2d[int]
 ):
-    """listed[n, 1:] = the triangles that rays of the n-th tile may meet, listed[n, 0] how many, −1 for too many."""
+    """listed[n, 1:] = the triangles that rays of tile n may hit, listed[n, 0] = their number, −1 for too many."""
     n = rows.first + wp.tid()
     if n < where.count:
         face, row, column = tile_place(where.tiles[n], across)
@@ -166,16 +166,16 @@ def _bound_tiles(rows: Rows, depth: wp.array3d[float], where: TileList, deepest_
 
 
 class DepthMap:
-    """The memory of a depth map; what is not traced stays 1.
+    """The memory of a depth map; texels that are not traced stay 1.
 
     Attributes:
         depth: [faces, size, size] by face, row and column.
         deepest: largest depth in each tile, [faces, rows, columns].
-        rays: how many texels were traced last.
+        rays: number of rays in the last trace.
     """
 
     def __init__(self, launcher: Launcher, faces: int, size: int, triangles: int):
-        """Allocates a map for scenes of up to so many triangles."""
+        """Allocates a map for scenes of up to this number of triangles."""
         across = -(-size // coverage.TILE)
         self._launcher = launcher
         self.depth = launcher.zeros((faces, size, size), "shadow_map")
@@ -193,12 +193,12 @@ class DepthMap:
         return len(self._listed) > 0
 
     def trace(self, casters: Casters, rays: MapRays, covered: np.ndarray, planes: np.ndarray, rounding: float) -> None:
-        """Traces the tiles that are covered, [faces, rows, columns] bool.
+        """Traces the covered tiles.
 
         Args:
-            casters: what is hit.
-            rays: the map's.
-            covered: the tiles.
+            casters: what the rays may hit.
+            rays: the map's rays.
+            covered: the tiles to trace, [faces, rows, columns] bool.
             planes: of the casters' triangles, [n, 4, 3]; none unless the map `lists_triangles`.
             rounding: of places; see `SeenTriangles`.
         """

@@ -1,7 +1,7 @@
-"""Energy diffusion of a light buffer: the paper's sweep, enough sweeps to be true, and the exact answer.
+"""Energy diffusion of a light buffer: the paper's single sweep, enough sweeps to converge, and the exact solution.
 
-Zhan, Yang, Shi and Fei (2008), equation (3), with r = νΔt/h² and h a texel's width. Edges are mirrored, so that every
-method keeps the buffer's sum; none leaves the buffer's range.
+Zhan, Yang, Shi and Fei (2008), equation (3), with r = νΔt/h² and h a texel's width. Edges are mirrored, so every method
+conserves the buffer's sum; none leaves the buffer's range.
 """
 
 import math
@@ -36,12 +36,12 @@ def _diffuse_sweep(
 
 
 class Diffusion:
-    """Spreads light buffers by r texels² of νΔt.
+    """Diffuses light buffers by νΔt = r texels².
 
-    - `paper`: one sweep u₁ = (u₀ + r Σ u₀)/(1 + 4r). It is the first Jacobi sweep of the implicit step
-      (I − νΔt∇²) u₁ = u₀, and adds a variance of 2r/(1 + 4r) texels² where diffusion adds 2r.
-    - `sweeps`: as many Jacobi sweeps of the implicit step as are asked for; or else ⌈8r⌉ explicit substeps, none of
-      which turns a wave's sign over (gain 1 − 8r/n ≥ 0).
+    - `paper`: one sweep u₁ = (u₀ + r Σ u₀)/(1 + 4r), Σ over the four neighbours. It is the first Jacobi sweep of the
+      implicit step (I − νΔt∇²) u₁ = u₀, and adds a variance of 2r/(1 + 4r) texels² where diffusion adds 2r.
+    - `sweeps`: the given number of Jacobi sweeps of the implicit step; without a number, ⌈8r⌉ explicit substeps, none
+      of which flips a wave's sign (gain 1 − 8r/n ≥ 0).
     - `exact`: e^(r Δ) u₀ by cosine transforms, with Δ the five-point Laplacian.
     """
 
@@ -50,10 +50,10 @@ class Diffusion:
 
         Args:
             launcher: launches the kernels.
-            shape: buffers, each of W × H texels.
+            shape: number of buffers, and their width and height in texels, (n, W, H).
             r: νΔt/h², > 0.
             method: paper, sweeps or exact.
-            sweeps: of the method `sweeps`.
+            sweeps: number for the method `sweeps`, or None.
         """
         self._launcher, self._r, self._method, self._sweeps = launcher, r, method, sweeps
         self._first = launcher.zeros(shape, "light_buffer")
@@ -63,14 +63,14 @@ class Diffusion:
             self._gain = np.exp(-r * np.add.outer(*eigenvalues)).astype(np.float32)
 
     def spread(self, buffer: wp.array) -> wp.array:
-        """The buffers [n, W, H] diffused, in memory of this object; `buffer` is left as it is."""
+        """Returns the diffused buffers [n, W, H], in this object's memory; `buffer` is left as it is."""
         r = self._r
         if self._method == "exact":
-            from scipy import fft  # takes 0.1 s to import, and is needed here alone
+            from scipy import fft  # takes 0.1 s to import, and is needed only here
 
             spectrum = fft.dctn(buffer.numpy(), axes=(1, 2), norm="ortho")
             spectrum *= self._gain
-            # e^(rΔ) of what is not negative is not negative; round-off may be.
+            # e^(rΔ) keeps values from becoming negative; round-off may not.
             self._first.assign(np.maximum(fft.idctn(spectrum, axes=(1, 2), norm="ortho", overwrite_x=True), 0.0))
             return self._first
         if self._method == "sweeps" and self._sweeps is None:

@@ -1,4 +1,4 @@
-"""Shadows of a distant light by an orthographic depth map: where it lies, and which tiles are traced."""
+"""Shadows of a distant light by an orthographic depth map: its placement, and which tiles are traced."""
 
 import numpy as np
 import warp as wp
@@ -14,9 +14,9 @@ from warp_smoke.shadow.seen_triangles import planes_from_afar
 class DirectionalShadow(MapShadow):
     """Which points a distant light reaches, by an orthographic depth map.
 
-    The map covers what both casts and receives: beyond the casters nothing is in shadow, beyond the receivers nobody
-    asks. Its texels keep their size and place while things move a little, so that shadow edges do not shimmer.
-    `shadow_near` and `shadow_far` do not apply: a distant light has no place to measure them from.
+    The map covers the overlap of casters and receivers: beyond the casters nothing is in shadow, beyond the receivers
+    nothing is looked up. Its texels keep their size and place while things move a little, so that shadow edges do not
+    shimmer. `shadow_near` and `shadow_far` do not apply: a distant light has no position to measure them from.
     """
 
     faces = 1
@@ -33,7 +33,7 @@ class DirectionalShadow(MapShadow):
         cast = coverage.box_corners(found).reshape(-1, 3) @ frame.T if len(found) else received.max(axis=0)[None]
         lower = np.maximum(cast.min(axis=0), received.min(axis=0)) - margin
         upper = np.minimum(cast.max(axis=0), received.max(axis=0)) + margin
-        # The size of a texel is one of a fixed ladder, its place a whole number of texels from the set's origin.
+        # A texel's size is one of a fixed series, its place an integer number of texels from the set's origin.
         span = max(float((upper - lower)[:2].max()), margin)
         texel = float(2.0 ** (np.ceil(8.0 * np.log2(span / max(size - 1, 1))) / 8.0))
         corner = np.floor(0.5 * (lower + upper)[:2] / texel - 0.5 * (size - 1)) * texel
@@ -41,7 +41,7 @@ class DirectionalShadow(MapShadow):
         far = float(max(received[:, 2].max(), near) + 2.0 * margin)
         self._set_map(corner, texel, near, far)
         self.map.bias = light_bias(light, spread=texel * 0.5**0.5, extent=max(extent, far - near))
-        # Places on the map lie among its corners.
+        # Places on the map lie between its corners.
         self._rounding = round_off(float(np.abs([corner, corner + size * texel]).max()))
 
         width = texel * size
@@ -51,7 +51,7 @@ class DirectionalShadow(MapShadow):
             coverage.covered_tiles(coverage.flat_rectangles(boxes, frame, corner, width), size)
             for boxes in (found, self._receivers + around)
         )
-        # Points beside the map may still have taps on it.
+        # Points outside the map may still have taps on it.
         whole = coverage.flat_rectangles(found + around, frame, corner - reach, width + 2.0 * reach)
         middle = np.append(corner + 0.5 * width, 0.0) @ frame
         self._mask.place(coverage.covered_tiles(whole, size), frame[None], middle, 0.5 * width + reach, False)
@@ -83,7 +83,7 @@ class DirectionalShadow(MapShadow):
         return float(np.tan(np.radians(min(0.5 * self._light.angle, 80.0))))
 
     def _reach(self, texel: float, depth: float) -> float:
-        """How far beside a receiver the filter looks, at most [stage units]."""
+        """Returns how far from a receiver the filter looks, at most [stage units]."""
         light = self._light
         if light.shadow_filter == "hard":
             return 0.0
@@ -114,5 +114,5 @@ class DirectionalShadow(MapShadow):
             filter_map(*args, *look)
 
     def depth_picture(self) -> np.ndarray:
-        """The stored depths, [size, size] uint8 (white = far)."""
+        """Returns the stored depths, [size, size] uint8 (white = far)."""
         return np.round(255.0 * self._depths.depth.numpy()[0]).astype(np.uint8)

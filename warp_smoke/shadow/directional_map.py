@@ -21,7 +21,7 @@ class DirectionalMap:
         depth: (depth of the nearest surface − near) / (far − near) at texel centres, 1 where there is none,
             [1, size, size].
         deepest: largest `depth` in each tile, [1, rows, columns]; 1 where nothing was traced.
-        s_axis, t_axis, direction: unit vectors: to the right and down in the map, and the way the light shines.
+        s_axis, t_axis, direction: unit vectors: to the right and down in the map, and the direction of the light.
         s, t: of the map's upper left corner.
         texel: side of a texel.
         near, far: depth range.
@@ -43,7 +43,7 @@ class DirectionalMap:
 
 @wp.func
 def stored_depth(m: DirectionalMap, point: wp.vec3):
-    """The depth from `near` on that is stored where a point falls; infinite beside the map and where nothing is."""
+    """The depth beyond `near` stored where a point falls; 1e30 outside the map and where nothing was hit."""
     s = (wp.dot(point, m.s_axis) - m.s) / m.texel
     t = (wp.dot(point, m.t_axis) - m.t) / m.texel
     stored = wp.float32(1.0)
@@ -54,9 +54,10 @@ def stored_depth(m: DirectionalMap, point: wp.vec3):
 
 @wp.func
 def nearest_of_texel(m: DirectionalMap, point: wp.vec3, normal: wp.vec3, cosine: float, offset: wp.vec3):
-    """The least depth from `near` on, less the bias, of the plane through a point in the texel at an offset.
+    """The least depth beyond `near`, less the bias, of the plane through a point within the texel at an offset.
 
-    The bias is spread · tan θ, spread being half a texel's diagonal. A light's own bias is taken off the point's depth.
+    The bias is spread · tan θ, spread being half a texel's diagonal. A light's own bias is subtracted from the point's
+    depth.
     """
     d = wp.dot(point, m.direction) - m.near - fixed_bias(m.bias, cosine)
     if m.bias.spread > 0.0:
@@ -68,7 +69,7 @@ def nearest_of_texel(m: DirectionalMap, point: wp.vec3, normal: wp.vec3, cosine:
 
 @wp.func
 def in_umbra(m: DirectionalMap, point: wp.vec3, normal: wp.vec3, cosine: float, reach: float):
-    """Whether all within `reach` of a point lies deeper than what is stored there; if unsure, it is false."""
+    """Whether everything within `reach` of a point lies deeper than the stored depths there; false if uncertain."""
     s = (wp.dot(point, m.s_axis) - m.s) / m.texel
     t = (wp.dot(point, m.t_axis) - m.t) / m.texel
     deepest = deepest_within(m.deepest, m.depth.shape[1], 0, s, t, reach / m.texel)
@@ -83,7 +84,7 @@ def in_umbra(m: DirectionalMap, point: wp.vec3, normal: wp.vec3, cosine: float, 
 
 @wp.func
 def share_of_taps(m: DirectionalMap, taps: Taps, point: wp.vec3, normal: wp.vec3, cosine: float, reach: float):
-    """The share of a filter's taps that are lit, the filter being 2 · reach wide."""
+    """The share of lit taps of a filter that is 2 · reach wide."""
     lit = wp.float32(0.0)
     for k in range(taps.offsets.shape[0]):
         o = reach * taps.offsets[k]
@@ -162,12 +163,12 @@ def _filter_penumbra(
 
 
 def filter_map(launcher: Launcher, m: DirectionalMap, mask: CasterMask, taps: Taps, *look: wp.array) -> None:
-    """Visibility by a fixed filter; `look` is points, normals, facets' normals and visibility_out, [n] each."""
+    """Computes visibility by a fixed filter; `look` is points, normals, facet normals and visibility_out, [n] each."""
     launcher.launch_each(_filter_taps, len(look[0]), m, mask, taps, *look)
 
 
 def filter_penumbra(
     launcher: Launcher, m: DirectionalMap, mask: CasterMask, taps: Taps, spread: float, *look: wp.array
 ) -> None:
-    """Visibility of a light that is `spread`, as a tangent, to each side in the sky; `look` as above."""
+    """Computes visibility of a light whose angular radius has the tangent `spread`; `look` as in `filter_map`."""
     launcher.launch_each(_filter_penumbra, len(look[0]), m, mask, taps, spread, *look)

@@ -1,9 +1,9 @@
-"""Shadow of smoke by direct projection and diffusion (DPD), as published.
+"""Smoke shadow by direct projection and diffusion (DPD), as published.
 
 Zhan, Yang, Shi and Fei, "Real Time Smoke Shadow Simulation Based on Direct Projection and Diffusion", Journal of
 Image and Graphics 13(11), 2008, 2231–2237: every voxel is added to one texel of a light buffer, one sweep spreads the
 buffer, and projective texture mapping draws it as an opacity. Beyond the paper: projection along a point light's true
-rays, diffusion that is true to its ν Δt, and transmittance instead of linear opacity.
+rays, diffusion that solves its equation, and transmittance instead of linear opacity.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ class ShadowTexture:
     """A light buffer as a texture.
 
     Attributes:
-        buffer: Σ D over the voxels that fell on each texel, [1, W, H].
+        buffer: Σ D over the voxels projected to each texel, [1, W, H].
         matrix: B · P · V · M, set space to homogeneous texture coordinates (s, t, r, q), for column vectors.
         optical_depth: τ of a texel with Σ D = 1.
         linear: 1 for α = min(1, τ), as published, 0 for α = 1 − e^(−τ).
@@ -63,7 +63,7 @@ def shadow_depth(texture: ShadowTexture, point: wp.vec3):
 
 @wp.func
 def opacity(texture: ShadowTexture, depth: float):
-    """α of an optical depth: linear until it is opaque, or by Beer and Lambert."""
+    """α of an optical depth: linear up to 1, or by Beer and Lambert."""
     if texture.linear == 1:
         return wp.min(1.0, depth)
     return 1.0 - wp.exp(-depth)
@@ -73,7 +73,7 @@ def opacity(texture: ShadowTexture, depth: float):
 def _scatter_density(
     rows: Rows, density: wp.array3d[float], to_texels: wp.array2d[float], partial_out: wp.array3d[float]
 ):
-    """partial[part][s][t] += D_W for each voxel W of the part, (s, t) being the texel that its centre falls on."""
+    """partial[part][s][t] += D_W for each voxel W of the part, (s, t) being the texel of its centre."""
     part = rows.first + wp.tid()
     ni = density.shape[0]
     nj = density.shape[1]
@@ -100,9 +100,10 @@ def _scatter_along_rays(
     light: wp.vec3,
     partial_out: wp.array3d[float],
 ):
-    """As `_scatter_density`, with D_W (z/z_W)² / cos θ on the texel at (s/q, t/q), q = z_W, from a light in cells.
+    """As `_scatter_density`, with D_W / (q² cos θ) on the texel at (s/q, t/q), for a light in cell coordinates.
 
-    A voxel before the plane, at depth z, covers that much more of it; its ray crosses it aslant.
+    q is the voxel's depth as a share of the plane's: a voxel in front of the plane covers 1/q² as much of it. Its ray
+    crosses it at the angle θ to the plane's normal.
     """
     part = rows.first + wp.tid()
     ni = density.shape[0]
@@ -120,7 +121,7 @@ def _scatter_along_rays(
                 t = to_texels[1, 0] * x[0] + to_texels[1, 1] * x[1] + to_texels[1, 2] * x[2] + to_texels[1, 3]
                 p0 = wp.clamp(int(s / q), 0, partial_out.shape[1] - 1)
                 p1 = wp.clamp(int(t / q), 0, partial_out.shape[2] - 1)
-                # q is the depth as a share of the plane's, so the ray's length is |x − L| of its q times that.
+                # cos θ is q times the plane's distance, over |x − L|; to_texels[3, 0] is 1 over that distance.
                 weight = wp.length(x - light) * to_texels[3, 0] / (q * q * q)
                 partial_out[part, p0, p1] = partial_out[part, p0, p1] + weight * d
 
@@ -174,12 +175,12 @@ def _composite_shadow(
 class DpdSmokeShadow:
     """How much of a light the smoke of one domain lets through, by the paper's method (`dpd`).
 
-    The light buffer lies on the far side of the box, at right angles to the line from the light to the box's centre,
-    and rays are parallel to that line, or with `smoke_projection` rays the true ones. On receivers it is looked up in
-    perspective from a point light. It knows no depth: whatever is in front of the light and inside the buffer's outline
-    is in the shadow, smoke or no smoke before it. With `smoke_compositing` opacity, it is linear in density,
+    The light buffer lies on the far side of the box, perpendicular to the line from the light to the box's centre, and
+    rays are parallel to that line, or with `smoke_projection` rays the true ones. Receivers look it up in perspective
+    from a point light. The buffer has no depth: whatever the light shines on within the buffer's outline is in shadow,
+    whether the smoke is in front of it or not. With `smoke_compositing` opacity, it is linear in density,
     α = min(1, σ h Σ D / A) with A the area of a texel in cells, so that for parallel rays the buffer's Σ α A is σ times
-    the mass as long as none is clipped.
+    the mass as long as nothing is clipped.
 
     Attributes:
         texture: the buffer and its matrix, for kernels that use `shadow_depth`.
@@ -195,7 +196,7 @@ class DpdSmokeShadow:
         color: tuple[float, float, float] = (1.0, 1.0, 1.0),
         texels: tuple[int, int] | None = None,
     ):
-        """Makes the buffer; `update` fills it.
+        """Allocates the buffer; `update` fills it.
 
         Args:
             launcher: launches the kernels.
@@ -208,7 +209,7 @@ class DpdSmokeShadow:
                 longest side has cells.
 
         Raises:
-            ValueError: for a light that is inside the domain.
+            ValueError: the light is inside the domain, or for true rays too near to it.
         """
         self._launcher, self._lattice, self._light = launcher, lattice, light
         self._set_to_cells = set_to_cells(lattice, np.asarray(origin, np.float64))
@@ -227,7 +228,7 @@ class DpdSmokeShadow:
             self._place(time)
 
     def update(self, density: wp.array, time: float) -> None:
-        """Projects and diffuses the smoke [nx, ny, nz], with the light as at a time code."""
+        """Projects and diffuses the smoke [nx, ny, nz], with the light at a time code."""
         if self._light.moves:
             self._place(time)
         self._partial.zero_()
@@ -252,7 +253,7 @@ class DpdSmokeShadow:
         self._launcher.launch_each(_let_through, len(points), *args)
 
     def composite(self, points: wp.array, shadow_color: tuple[float, float, float], colors_inout: wp.array) -> None:
-        """C = α C_shadow + (1 − α) C_surface.
+        """Blends a shadow colour over surfaces: C = α C_shadow + (1 − α) C_surface.
 
         Args:
             points: in set space, [n] vec3.
@@ -265,7 +266,7 @@ class DpdSmokeShadow:
         )
 
     def buffer(self) -> np.ndarray:
-        """Σ D on each texel after diffusion, [W, H]."""
+        """Returns Σ D on each texel after diffusion, [W, H]."""
         return self._spread.numpy()[0]
 
     def _place(self, time: float) -> None:

@@ -1,7 +1,7 @@
-"""Where filters look a depth map up around a point (percentage-closer filtering; Reeves, Salesin, Cook, 1987).
+"""Where filters sample a depth map around a point (percentage-closer filtering; Reeves, Salesin, Cook, 1987).
 
-The patterns are LearnOpenGL's (*Point Shadows*, *Shadow Mapping*) and, for `pcss`, a spiral of points with equal shares
-of a disk (Vogel, 1979).
+The patterns are LearnOpenGL's (*Point Shadows*, *Shadow Mapping*) and, for `pcss`, a spiral of points that represent
+equal areas of a disk (Vogel, 1979).
 """
 
 from itertools import product
@@ -12,7 +12,7 @@ import warp as wp
 from warp_smoke.launch import Launcher
 from warp_smoke.scene import Camera, Light
 
-# Half-width of the filters where the light gives no softness [texels]: taps of the grid are a texel apart.
+# Half-width of the filters where the light sets no softness [texels]: taps of the 4³ grid are then a texel apart.
 DEFAULT_TEXELS = 1.5
 SPIRAL_TAPS = 32
 
@@ -24,8 +24,8 @@ class Taps:
     Attributes:
         offsets: in units of the half-width, [n].
         radius: [stage units].
-        texels: a texel's width being that at the point's depth.
-        growth: per distance from the eye [1/stage unit].
+        texels: in texels, whose width is taken at the point's depth.
+        growth: relative growth per distance from the eye [1/stage unit].
         eye: in set space.
     """
 
@@ -38,7 +38,7 @@ class Taps:
 
 @wp.func
 def square_to(direction: wp.vec3):
-    """A unit vector at right angles to a unit vector: the first axis of a disk that faces that way."""
+    """A unit vector perpendicular to a unit vector: the first axis of a disk that faces that direction."""
     side = wp.vec3(1.0, 0.0, 0.0)
     if wp.abs(direction[0]) > 0.7:
         side = wp.vec3(0.0, 1.0, 0.0)
@@ -46,22 +46,22 @@ def square_to(direction: wp.vec3):
 
 
 def grid_of_cube() -> np.ndarray:
-    """4³ offsets to all sides, [64, 3]."""
+    """Returns 4³ offsets in a cube, [64, 3]."""
     return np.array(list(product(np.linspace(-1.0, 1.0, 4), repeat=3)))
 
 
 def grid_of_plane() -> np.ndarray:
-    """3 × 3 offsets along a map's s and t, [9, 3]."""
+    """Returns 3 × 3 offsets along a map's s and t, [9, 3]."""
     return np.array([(s, t, 0.0) for t, s in product((-1.0, 0.0, 1.0), repeat=2)])
 
 
 def edges_and_corners() -> np.ndarray:
-    """The 20 directions to the edges and corners of a cube, [20, 3]."""
+    """Returns the 20 directions to the edges and corners of a cube, [20, 3]."""
     return np.array([o for o in product((-1.0, 0.0, 1.0), repeat=3) if np.count_nonzero(o) >= 2])
 
 
 def spiral(count: int = SPIRAL_TAPS) -> np.ndarray:
-    """Points that share the unit disk evenly, [n, 3] with z = 0."""
+    """Returns points spread evenly over the unit disk, [n, 3] with z = 0."""
     k = np.arange(count)
     angle = np.pi * (3.0 - 5.0**0.5) * k
     radius = np.sqrt((k + 0.5) / count)
@@ -71,13 +71,13 @@ def spiral(count: int = SPIRAL_TAPS) -> np.ndarray:
 def filter_taps(
     launcher: Launcher, light: Light, offsets: np.ndarray, texels: float, eye: np.ndarray | None, far: float
 ) -> Taps:
-    """The taps of a light's filter.
+    """Makes the taps of a light's filter.
 
     Args:
         launcher: allocates the offsets.
         light: names the filter and its softness.
-        offsets: in set space, [n, 3].
-        texels: half-width where the light gives no softness.
+        offsets: in set space, in units of the half-width, [n, 3].
+        texels: half-width where the light sets no softness [texels].
         eye: in set space, for `pcf_disk_view`.
         far: the depth map's far distance.
     """
@@ -88,11 +88,11 @@ def filter_taps(
     taps.growth, taps.eye = 0.0, wp.vec3()
     if light.shadow_filter == "pcf_disk_view" and eye is not None:
         if light.shadow_softness is None:
-            taps.radius, taps.texels = far / 625.0, 0.0  # the classic 1/25, whose far is 25, at any scale
+            taps.radius, taps.texels = far / 625.0, 0.0  # LearnOpenGL's 1/25 at far = 25, at any scale
         taps.growth, taps.eye = 1.0 / far, wp.vec3(*eye.tolist())
     return taps
 
 
 def eye_at(camera: Camera | None, time: float, origin: np.ndarray) -> np.ndarray | None:
-    """The camera's place in set space, [3], or None without a camera."""
+    """Returns the camera's position in set space, [3], or None without a camera."""
     return None if camera is None else camera.transform_at(time)[3, :3] - origin

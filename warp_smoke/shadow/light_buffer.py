@@ -1,8 +1,8 @@
-"""Where a smoke domain's light buffer lies: shear-warp coordinates (Lacroute and Levoy, 1994); no Warp here.
+"""Placement of a smoke domain's light buffer: shear-warp coordinates (Lacroute and Levoy, 1994); no Warp here.
 
 Slices of the lattice across one axis are projected from the light onto a buffer that is parallel to them, so each
-slice lands on it by a shift (distant light) or a shift and a scale (point light). *Shear coordinates* (s, t, z) are
-cell coordinates with the axes reordered, and z the depth behind the side of the box nearest to the light, in slices;
+slice maps to it by a shift (distant light) or a shift and a scale (point light). *Shear coordinates* (s, t, z) are
+cell coordinates with the axes reordered, z being the depth behind the side of the box nearest to the light, in slices;
 the buffer lies on that side, z = 0.
 
 Lights are homogeneous vectors: (position, 1), or (unit direction towards the light, 0) for a distant one. With a light
@@ -18,38 +18,38 @@ import numpy as np
 from warp_smoke.lattice import Lattice
 from warp_smoke.scene import DistantLight, Light
 
-# Widest slope of a ray from a slice's axis, in the first slice: a ray takes one sample a slice, so its steps grow
-# with the slope, and so does the buffer. It allows a point light an eighth of the box's width away from it.
+# Largest slope of a ray against the slices' axis, in the first slice: a ray takes one sample per slice, so its steps
+# grow with the slope, and so does the buffer. It allows a point light an eighth of the box's width away from the box.
 MAX_SLOPE = 4.0
-# Texels for each cell that the box is wide, at most; a near light's wide rays get coarser texels instead of more.
+# The most texels per cell along the box's longest side; a near light's wide rays get coarser texels instead of more.
 _MAX_TEXELS = 3
-# How near to a side of the box a point is no longer inside it, in cells: a floor on which the box stands lies within
-# round-off of its bottom, and must not get a share of a ray's smoke at some texels and all of it at others.
+# Distance from a side of the box within which a point counts as outside, in cells: a floor that the box stands on is
+# within round-off of its bottom, and must not get part of a ray's smoke at some texels and all of it at others.
 TOUCH = 1e-3
-# Floats in a line of cache: rows of slices are turned by so many.
+# Floats in a cache line: rows of slices are transposed in blocks of this many.
 LINE = 16
-# Of a Gaussian voxel, in cells: neighbours then add up to a nearly even slab.
+# Standard deviation of a Gaussian voxel, in cells: neighbours then add up to a nearly uniform slab.
 GAUSSIAN_WIDTH = 0.5
-# Where it is cut off, in cells: what lies beyond, 0.3 %, goes to the outermost texels, so that none is lost.
+# Where it is cut off, in cells: the 0.3 % beyond go to the outermost texels, so that nothing is lost.
 GAUSSIAN_REACH = 3.0 * GAUSSIAN_WIDTH
 
 
 def set_to_cells(lattice: Lattice, origin: np.ndarray) -> np.ndarray:
-    """Set space to cell coordinates, 4 × 4 row-vector matrix, float64."""
+    """Returns the matrix from set space to cell coordinates, 4 × 4 row-vector, float64."""
     to_world = np.eye(4)
     to_world[3, :3] = origin
     return to_world @ lattice.world_to_cells()
 
 
 def light_in_cells(light: Light, lattice: Lattice, time: float) -> np.ndarray:
-    """The light as a homogeneous vector in cell coordinates, [4] float64."""
+    """Returns the light as a homogeneous vector in cell coordinates, [4] float64."""
     if isinstance(light, DistantLight):
         return np.append(-light.direction_at(time) @ lattice.axes.T, 0.0)
     return np.append(light.position_at(time), 1.0) @ lattice.world_to_cells()
 
 
 def light_times(light: Light) -> np.ndarray:
-    """The time codes between which the light moves in straight lines; one where it stands still."""
+    """Returns the time codes between which the light moves in straight lines; a single one if it does not move."""
     return light.transform.times if light.moves else np.zeros(1)
 
 
@@ -59,7 +59,7 @@ class Shear:
 
     Attributes:
         axis: lattice axis across which the slices lie.
-        flipped: whether the light is at that axis' far end, so that the first slice is the last cell.
+        flipped: whether the light is at that axis's far end, so that the first slice is the last cell.
         slices: number of slices.
         light: the light in shear coordinates, [4].
         corner: of texel (0, 0), (s, t) in cells.
@@ -77,7 +77,7 @@ class Shear:
 
     @property
     def is_shift(self) -> bool:
-        """Whether each slice lands on the buffer by a shift alone: light from afar, and texels as wide as cells."""
+        """Whether each slice maps to the buffer by a shift alone: a distant light, and texels as wide as cells."""
         return self.light[3] == 0.0 and self.texel == 1.0
 
     @property
@@ -86,7 +86,7 @@ class Shear:
         return _from_cells(self.axis, self.flipped, self.slices)
 
     def slice_places(self, depths: tuple[float, ...] = (0.5,)) -> np.ndarray:
-        """Where texels sample slices, in cells: s = a · row + b, t = a · column + c, as (a, b, c), [samples, 3].
+        """Returns where texels sample slices, in cells: (a, b, c) of s = a · row + b, t = a · column + c, [samples, 3].
 
         Args:
             depths: of the samples in each slice, 0 to 1.
@@ -98,7 +98,7 @@ class Shear:
         return np.hstack([self.texel * growth, first])
 
     def slopes(self, corner: np.ndarray) -> np.ndarray:
-        """The slopes ds/dz and dt/dz of the rays through places on the buffer, [..., 2]."""
+        """Returns the slopes ds/dz and dt/dz of the rays through places on the buffer, [..., 2]."""
         return (self.light[3] * corner - self.light[:2]) / -self.light[2]
 
 
@@ -110,13 +110,13 @@ def fit_shear(
     reach: float = 0.5,
     margin: int = 0,
 ) -> Shear | None:
-    """The light buffer across the axis that the light's rays are least oblique to; None if no axis serves.
+    """Places the light buffer across the axis to which the light's rays are least oblique; None if no axis works.
 
     Args:
         light: homogeneous, in cell coordinates, [4].
         shape: cells of the lattice.
         size: texels along the buffer's longer side; None = texels as wide as a cell in the middle of the box.
-        texels: numbers of texels that are given; they are widened where the box would not fit.
+        texels: fixed numbers of texels, or None; texels are widened if the box would not fit.
         reach: how far a cell's smoke reaches beyond the box, in cells.
         margin: texels beyond that on each side.
     """
@@ -132,8 +132,8 @@ def fit_shear(
     if texels is not None:
         inner = np.maximum(np.subtract(texels, 3 + 2 * margin), 1)
         texel = max(texel, float(((fit.upper - fit.lower) / inner).max()))
-    # Texels begin where cells do in the middle of the box, so that light along the axis samples cells at their
-    # centres; and no smoke reaches the outermost ones, so that beyond the buffer there is no shadow.
+    # In the middle of the box texels begin where cells do, so that light along the axis samples cells at their
+    # centres; no smoke reaches the outermost texels, so that there is no shadow beyond the buffer.
     first_cell = fit.light[:2] * middle / growth
     corner = first_cell + np.floor((fit.lower - first_cell) / texel - 0.5 - margin) * texel
     needed = np.ceil((fit.upper - corner) / texel + 0.5 + margin).astype(int)
@@ -141,35 +141,35 @@ def fit_shear(
 
 
 def fit_buffer(light: Light, lattice: Lattice, time: float, texels: tuple[int, int] | None = None) -> Shear | None:
-    """The light buffer of a light at a time code, wide enough for what its method and its diffusion spread.
+    """Places a light's buffer at a time code, wide enough for the spread of its method and diffusion.
 
     Args:
         light: its `smoke_…` fields are the options.
         lattice: the smoke's cells.
         time: time code.
-        texels: numbers of texels that are given.
+        texels: fixed numbers of texels, or None.
 
     Returns:
         The buffer, or None for a light inside the smoke or too near to it.
     """
     reach = GAUSSIAN_REACH if light.smoke_shadow == "gaussian" else 0.5
-    # For splats, and for all but 0.3 % of what diffusion spreads over the edge.
+    # Room for splats, and for all but 0.3 % of what diffusion spreads over the edge.
     margin = (light.smoke_shadow != "march") + math.ceil(3.0 * math.sqrt(2.0 * light.smoke_diffusion))
     cells = light_in_cells(light, lattice, time)
     return fit_shear(cells, lattice.shape, light.smoke_shadow_size, texels, reach, margin)
 
 
 def buffer_serves(light: Light, lattice: Lattice, times: Iterable[float]) -> bool:
-    """Whether a light buffer can hold the smoke's shadow at all these time codes.
+    """Returns whether a light buffer can hold the smoke's shadow at all these time codes.
 
-    It cannot where a point light is inside the domain, or so near that its rays cross it at more than `MAX_SLOPE`.
+    It cannot if a point light is inside the domain, or so near that its rays' slopes exceed `MAX_SLOPE`.
     """
     return all(fit_buffer(light, lattice, time) is not None for time in times)
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """The box projected from the light across one axis: bounds on the buffer, and the widest slope."""
+    """The box projected from the light across one axis: bounds on the buffer, and the largest slope."""
 
     flipped: bool
     light: np.ndarray
@@ -187,7 +187,7 @@ def _across(light: np.ndarray, shape: tuple[int, int, int], axis: int, reach: fl
     low, high = -reach, np.add(sides, reach)
     corners = np.array([[low, low], [low, high[1]], [high[0], low], [high[0], high[1]]])
     distance = -depth
-    # Beside the box, inside it or within half a cell of it; or distant, and so much across the axis as to overflow.
+    # Beside the box, inside it or within half a cell of it; or distant, with a slope beyond `MAX_SLOPE`.
     if distance <= 0.5 * w or (not w and distance * MAX_SLOPE < max(abs(s), abs(t))):
         return _Fit(flipped, local, np.zeros(2), np.zeros(2), np.inf)
     z = np.array([0.5, n - 0.5])[:, None, None]

@@ -1,4 +1,4 @@
-"""Shadows by a depth map: what all lights' maps have in common, and when they are traced again."""
+"""Shadows by a depth map: what the maps of all lights have in common, and when they are retraced."""
 
 from abc import ABC, abstractmethod
 
@@ -16,11 +16,11 @@ from warp_smoke.shadow.depth_map import DepthMap
 class MapShadow(ABC):
     """Which points a light reaches, by a depth map.
 
-    Points that face away from the light are in their own shadow. Only tiles over which a caster and a receiver may lie
+    Points that face away from the light are in their own shadow. Only tiles that may hold both a caster and a receiver
     are traced.
 
     Attributes:
-        faces: of the map.
+        faces: number of the map's faces.
         map: the depth map, for look-ups.
     """
 
@@ -34,15 +34,15 @@ class MapShadow(ABC):
         receiver_bounds: np.ndarray,
         camera: Camera | None = None,
     ):
-        """Makes the map; `update` traces it.
+        """Allocates the map; `update` traces it.
 
         Args:
             launcher: launches the kernels.
             light: of the kind that the map is for.
             casters: what casts shadows.
-            receiver_bounds: lower and upper corner, in set space, of all that is ever looked up: a box [2, 3], or one
-                for each receiver [n, 2, 3].
-            camera: whose distance widens the filter `pcf_disk_view`.
+            receiver_bounds: lower and upper corner, in set space, of all points ever looked up: a box [2, 3], or one
+                per receiver [n, 2, 3].
+            camera: the camera whose distance widens the filter `pcf_disk_view`.
         """
         self._launcher, self._light, self._casters, self._camera = launcher, light, casters, camera
         self._receivers = np.asarray(receiver_bounds, np.float64).reshape(-1, 2, 3)
@@ -52,11 +52,11 @@ class MapShadow(ABC):
 
     @property
     def rays(self) -> int:
-        """How many texels were traced at the last change."""
+        """Number of rays at the last trace."""
         return self._depths.rays
 
     def update(self, time: float) -> None:
-        """Fits and traces the map for a time code, unless it is the same as before."""
+        """Places and traces the map for a time code, unless nothing has changed."""
         light, casters = self._light, self._casters
         state = casters.version, light.transform_at(time).tobytes()
         eye = filters.eye_at(self._camera, time, casters.origin)
@@ -79,7 +79,7 @@ class MapShadow(ABC):
 
     @abstractmethod
     def _filter(self) -> tuple[np.ndarray, float]:
-        """Offsets of the filter's taps in set space, [n, 3], and its half-width in texels without softness."""
+        """Returns offsets of the filter's taps, [n, 3], and its half-width in texels where no softness is set."""
 
     @abstractmethod
     def visibility(

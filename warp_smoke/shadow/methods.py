@@ -1,4 +1,4 @@
-"""The shadow methods by name; those of one table share one signature."""
+"""The shadow methods by name; all methods in a table share one signature."""
 
 from warp_smoke.shadow.cube import CubeShadow
 from warp_smoke.shadow.directional import DirectionalShadow

@@ -20,8 +20,8 @@ class PointMap:
     Attributes:
         depth: distance / far, [faces, size, size] by face, row and column.
         deepest: largest `depth` in each tile, [faces, rows, columns]; 1 where nothing was traced.
-        frames: axes s, t and the way it looks of each face, one a row, [faces].
-        slope: tangent of the angle between the way a face looks and the middle of its side: 1 for a cube.
+        frames: axes s, t and viewing direction of each face, one per row, [faces].
+        slope: tangent of the angle between a face's viewing direction and the middle of its side: 1 for a cube.
         position: the light in set space.
         far: [stage units]; points beyond are lit.
         bias: how much deeper than the stored depth a point must lie to be in shadow.
@@ -50,7 +50,7 @@ def map_coordinates(m: PointMap, r: wp.vec3):
 
 @wp.func
 def stored_depth(m: PointMap, face: int, u: wp.vec3):
-    """The depth of the texel that a direction along a face's axes falls in; 1 beside the map."""
+    """The depth of the texel that a direction, given along a face's axes, falls in; 1 outside the map."""
     size = m.depth.shape[1]
     limit = float(size)
     scale = 0.5 * limit / (m.slope * wp.max(u[2], 1.0e-30))
@@ -71,10 +71,10 @@ def look_up(m: PointMap, face: int, r: wp.vec3, normal: wp.vec3, u: wp.vec3):
 
     All vectors are along the axes of the face that r points to.
 
-    Along u the plane lies at e = |u| (n·r) / (n·u), taken to be |r| at most: that takes a third of the acne from a
-    rough mesh's hollows. With x = spread · tan θ it is nowhere in the texel nearer than e / (1 + x): so a texel with
-    depth s is lit if e ≤ (s + c) (1 + x), the least bias without acne on planes, for any θ. It is compared times n·u.
-    A light's own bias is taken off |r|. Where u passes over the plane's horizon, all is 0.
+    Along u the plane lies at e = |u| (n·r) / (n·u), limited to |r|, which removes a third of the acne in a rough mesh's
+    hollows. With x = spread · tan θ the plane is nowhere in the texel nearer than e / (1 + x): so a texel with depth s
+    is lit if e ≤ (s + c) (1 + x), the least bias without acne on planes, for any θ. Both sides are multiplied by n·u.
+    A light's own bias is subtracted from |r|. Where u passes above the plane's horizon, all three are 0.
     """
     stored = stored_depth(m, face, u)
     s = stored * m.far
@@ -99,7 +99,7 @@ def look_up(m: PointMap, face: int, r: wp.vec3, normal: wp.vec3, u: wp.vec3):
 
 @wp.func
 def in_umbra(m: PointMap, c: wp.vec4, r: wp.vec3, normal: wp.vec3, reach: float):
-    """Whether `look_up` finds shadow all around r, at map coordinates c, within `reach`; if unsure, it is false."""
+    """Whether `look_up` finds shadow everywhere within `reach` of r, at map coordinates c; false if uncertain."""
     d = wp.length(r)
     size = m.depth.shape[1]
     found = wp.bool(False)
@@ -111,7 +111,7 @@ def in_umbra(m: PointMap, c: wp.vec4, r: wp.vec3, normal: wp.vec3, reach: float)
         if deepest < 1.0 and m.bias.spread == 0.0:
             found = d - fixed_bias(m.bias, facing / wp.max(d, 1.0e-30)) > deepest * m.far
         elif deepest < 1.0:
-            # The sides of the comparison in `look_up`, at their least and at their most.
+            # The least left and greatest right side of the comparison in `look_up`.
             most = (deepest * m.far + m.bias.constant) * (facing + reach + m.bias.spread * (d + reach))
             found = d * (facing - reach) > most
     return found
@@ -121,7 +121,7 @@ def in_umbra(m: PointMap, c: wp.vec4, r: wp.vec3, normal: wp.vec3, reach: float)
 def sum_of_taps(
     m: PointMap, taps: Taps, face: int, r: wp.vec3, normal: wp.vec3, right: wp.vec3, up: wp.vec3, reach: float
 ):
-    """The sum of `look_up` over the taps on a disk around r that lies along right and up and is 2 · reach wide."""
+    """The sum of `look_up` over the taps on a disk around r, spanned by right and up, 2 · reach wide."""
     total = wp.vec3(0.0, 0.0, 0.0)
     for k in range(taps.offsets.shape[0]):
         o = reach * taps.offsets[k]
@@ -212,12 +212,12 @@ def _filter_penumbra(
 
 
 def filter_map(launcher: Launcher, m: PointMap, mask: CasterMask, taps: Taps, *look: wp.array) -> None:
-    """Visibility by a fixed filter; `look` is points, normals, facets' normals and visibility_out, [n] each."""
+    """Computes visibility by a fixed filter; `look` is points, normals, facet normals and visibility_out, [n] each."""
     launcher.launch_each(_filter_taps, len(look[0]), m, mask, taps, *look)
 
 
 def filter_penumbra(
     launcher: Launcher, m: PointMap, mask: CasterMask, taps: Taps, light: float, closest: float, *look: wp.array
 ) -> None:
-    """Visibility of a light of radius `light`, `closest` being the distance of the closest caster; `look` as above."""
+    """Computes visibility of a light of radius `light`, with its closest caster at `closest`; `look` as above."""
     launcher.launch_each(_filter_penumbra, len(look[0]), m, mask, taps, light, closest, *look)

@@ -1,4 +1,4 @@
-"""Shadows of a light at a point by depth maps: where they lie, and which tiles are traced."""
+"""Shadows of a point or spot light by depth maps: their placement, and which tiles are traced."""
 
 from abc import abstractmethod
 
@@ -14,29 +14,29 @@ from warp_smoke.shadow.seen_triangles import planes_from_point
 
 
 class PointMapShadow(MapShadow):
-    """Which points a light at a point reaches, by a depth map; `CubeShadow` and `SpotShadow` say of what shape.
+    """Which points a point or spot light reaches, by a depth map; `CubeShadow` and `SpotShadow` set its shape.
 
-    Surfaces nearer to the light than `shadow_near` cast none, nor does a surface that the light itself lies on; a light
-    inside a closed mesh reaches only its inside.
+    Surfaces nearer to the light than `shadow_near` cast no shadow, nor does a surface that the light itself lies on; a
+    light inside a closed mesh reaches only its inside.
 
     Attributes:
-        slope: tangent of the angle between the way a face looks and the middle of its side.
+        slope: tangent of the angle between a face's viewing direction and the middle of its side.
     """
 
     slope: float
 
     @abstractmethod
     def _frames(self, time: float) -> np.ndarray:
-        """Axes of each face, [faces, 3, 3]."""
+        """Returns the axes of each face, [faces, 3, 3]."""
 
     @abstractmethod
     def _rectangles(self, boxes: np.ndarray, position: np.ndarray, frames: np.ndarray) -> np.ndarray:
-        """Rectangles of boxes on the faces, [n, faces, 4]."""
+        """Returns the rectangles of boxes on the faces, [n, faces, 4]."""
 
     def _place(self, time: float) -> np.ndarray:
         light, casters = self._light, self._casters
         position = self._position = light.position_at(time) - casters.origin
-        # Rays begin where the casters do, so that a far light loses no digits, and off the surface a light lies on.
+        # Rays begin where the casters do, so that a far light loses no digits, and clear of a surface that it lies on.
         corners = coverage.box_corners(_union(self._receivers))[0]
         extent = float(np.abs(corners).max())
         self._slack = round_off(extent)
@@ -60,7 +60,7 @@ class PointMapShadow(MapShadow):
         reach = self._reach(self._receivers, position)
         grown = self._receivers + reach[:, None, None] * np.array([[-1.0], [1.0]])
         receiving = coverage.covered_tiles(self._rectangles(grown, position, self._axes), size)
-        # The same reach, at the casters' distance: what lies beyond has no tap on them.
+        # The same reach at the casters' distance: points beyond it have no tap on them.
         grown = found + self._reach(found, position)[:, None, None] * np.array([[-1.0], [1.0]])
         near = coverage.covered_tiles(self._rectangles(grown, position, self._axes), size)
         self._mask.place(near, self._axes, position, self.slope, True)
@@ -103,7 +103,7 @@ class PointMapShadow(MapShadow):
             return np.full(len(boxes), far)  # the camera may be anywhere
         if light.shadow_softness is None:
             return 3**0.5 * filters.DEFAULT_TEXELS * texels
-        # Receivers near the light see the width of the filter under a wide angle.
+        # For receivers near the light the filter spans a wide angle.
         nearest = max(coverage.nearest_distance(self._receivers, position).min(), self._closest)
         return 3**0.5 * light.shadow_softness * np.maximum(1.0, farthest / nearest)
 

@@ -1,7 +1,7 @@
 """The plane that the paper's smoke shadow is projected on, and its projective texture matrix; no Warp here.
 
-Zhan, Yang, Shi and Fei (2008): the plane passes through the far side of the smoke's box, at right angles to the line
-from the light to the box's centre. Texture coordinates (s, t, r, q) = B · P · V · M · (x, y, z, 1), as in OpenGL.
+Zhan, Yang, Shi and Fei (2008): the plane touches the far side of the smoke's box, perpendicular to the line from the
+light to the box's centre. Texture coordinates (s, t, r, q) = B · P · V · M · (x, y, z, 1), as in OpenGL.
 """
 
 from collections.abc import Iterable
@@ -14,10 +14,10 @@ from warp_smoke.lattice import Lattice
 from warp_smoke.scene import Light
 from warp_smoke.shadow.light_buffer import light_in_cells
 
-# Voxels are scattered in this many parts, each by one thread into a buffer of its own and added up in a fixed order:
+# Voxels are scattered in this many parts, each by one thread into a separate buffer, and summed in a fixed order:
 # the result is the same on any device and for any number of threads, without atomics.
 SCATTER_PARTS = 16
-# How much of the distance to the box's centre a light must be in front of the whole box for its rays to be projected.
+# Share of the distance to the box's centre by which a light must be in front of the box for its rays to be projected.
 _NEAREST = 0.05
 
 
@@ -27,9 +27,9 @@ class ProjectionPlane:
 
     Attributes:
         centre: of the box, [3].
-        axes: unit vectors S (to the right, seen from the light), T (up) and the way the light goes, one a row, [3, 3].
+        axes: unit vectors S (to the right, seen from the light), T (up) and the light's direction, one per row, [3, 3].
         half: half the size of the rectangle on S and T that holds the box's shadow, [2].
-        depth: how far behind the centre the plane lies; the box begins as far before it.
+        depth: how far behind the centre the plane lies; the box begins as far in front of it.
         distance: from the light to the centre; infinite for a distant light.
     """
 
@@ -40,14 +40,14 @@ class ProjectionPlane:
     distance: float
 
     def to_texels(self, width: int, height: int) -> np.ndarray:
-        """Cell indices (i, j, k, 1) to the texel coordinates of the cell's centre, [2, 4], for column vectors."""
+        """Returns the matrix from cell indices (i, j, k, 1) to texels at the cell's centre, [2, 4], column vectors."""
         scale = np.array([width, height]) / (2.0 * self.half)
         linear = scale[:, None] * self.axes[:2]
         constant = linear @ (0.5 - self.centre) + 0.5 * np.array([width, height])
         return np.column_stack([linear, constant])
 
     def ray_texels(self, width: int, height: int) -> np.ndarray:
-        """Cell coordinates to texels along a point light's rays, times q, and q, [3, 4], for column vectors.
+        """Returns the matrix from cells to texels along a point light's rays, times q, and q, [3, 4], column vectors.
 
         q is the depth as a share of the plane's.
         """
@@ -55,7 +55,7 @@ class ProjectionPlane:
         return np.stack([s * width, t * height, q]) / (self.distance + self.depth)
 
     def texture_matrix(self) -> np.ndarray:
-        """Cell coordinates to (s, t, r, q) with s along S and t along T: V · P · B for row vectors, [4, 4]."""
+        """Returns the matrix from cells to (s, t, r, q), s along S and t along T: V · P · B for row vectors, [4, 4]."""
         perspective = np.isfinite(self.distance)
         near, far = (self.distance - self.depth, self.distance + self.depth) if perspective else (0.0, 2.0 * self.depth)
         eye = self.centre - (far - self.depth) * self.axes[2]
@@ -78,9 +78,9 @@ class ProjectionPlane:
 
 
 def plane_serves(light: Light, lattice: Lattice, times: Iterable[float]) -> bool:
-    """Whether the plane can hold the smoke's shadow at all these time codes.
+    """Returns whether the plane can hold the smoke's shadow at all these time codes.
 
-    It cannot where a point light is inside the domain, or with true rays so near that some of the box lies beside it.
+    It cannot if a point light is inside the domain, or for true rays if it is not in front of the entire box.
     """
     rays, up = light.smoke_projection == "rays", np.asarray(lattice.up)
     return all(fit_plane(light_in_cells(light, lattice, time), lattice.shape, up, rays) is not None for time in times)
@@ -89,14 +89,14 @@ def plane_serves(light: Light, lattice: Lattice, times: Iterable[float]) -> bool
 def fit_plane(
     light: np.ndarray, shape: tuple[int, int, int], up: np.ndarray, rays: bool = False
 ) -> ProjectionPlane | None:
-    """The plane for a light (homogeneous, in cell coordinates, [4]); None for a light inside the box.
+    """Places the plane for a light; None for a light inside the box, or for true rays too near to it.
 
     Args:
-        light: (position, 1), or (unit direction towards the light, 0).
+        light: homogeneous, in cell coordinates: (position, 1), or (unit direction towards the light, 0), [4].
         shape: cells of the lattice.
-        up: unit vector up along the lattice's axes; T points up as far as it can.
+        up: unit up vector along the lattice's axes; T points as far up as possible.
         rays: whether the rectangle holds the shadow by the light's true rays, not by parallel ones; the light must
-            then be in front of the whole box.
+            then be in front of the entire box.
     """
     centre = 0.5 * np.asarray(shape, np.float64)
     away = light[3] * centre - light[:3]

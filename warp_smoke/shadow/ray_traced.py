@@ -1,6 +1,6 @@
-"""Shadows of any light by rays: one for each point (`exact`), or many to all of a round light (`area`).
+"""Shadows of any light by rays: one per point (`exact`), or many to the full area of a round light (`area`).
 
-They are the truth that depth maps are measured against.
+They are the reference that depth maps are measured against.
 """
 
 import numpy as np
@@ -17,9 +17,10 @@ from warp_smoke.shadow.filters import spiral, square_to
 wp.set_module_options({"enable_backward": False})
 
 AREA_RAYS = 64
-# Of the angle that a light fills, seen from a point: near and inside it, rays go to what is less than half of it.
+# Largest sine of the angular radius of a light seen from a point: near and inside the light, rays go to less than half
+# of it.
 _WIDEST_SINE = wp.constant(0.99)
-# How far a distant light is from points that may be anywhere [stage units]; its square is a float.
+# Distance of a distant light from points that may be anywhere [stage units]; its square fits in a float.
 _FAR_AWAY = 1e15
 
 
@@ -92,9 +93,9 @@ def _trace_disks(
 class RayTracedShadow:
     """Which points a light reaches, by rays: one to its middle, or `AREA_RAYS` with the filter `area`.
 
-    Rays start a little off the surface, so that it does not shadow itself, and end as far before the light, so that a
-    light on a surface is not shadowed by it. Points that face away from the light are in their own shadow. Only points
-    that a caster may stand before are traced.
+    Rays start slightly off the surface, so that it does not shadow itself, and end the same distance before the light,
+    so that a light on a surface is not shadowed by it. Points that face away from the light are in their own shadow.
+    Rays are traced only from points that a caster may block.
     """
 
     def __init__(
@@ -112,11 +113,11 @@ class RayTracedShadow:
             launcher: launches the kernel.
             light: any light.
             casters: what casts shadows.
-            receiver_bounds: lower and upper corner, in set space, of all that is ever looked up: a box [2, 3], or one
-                for each receiver [n, 2, 3]. None for anywhere, by which every point is traced: to find out which
-                need not be takes longer than a ray for each pixel of a picture.
-            camera: makes no difference to rays; the other methods take one.
-            area_rays: of each point, with the filter `area`.
+            receiver_bounds: lower and upper corner, in set space, of all points ever looked up: a box [2, 3], or one
+                per receiver [n, 2, 3]. None = anywhere; then every point is traced, since finding out which points
+                need no ray would take longer than a ray for each pixel of a picture.
+            camera: unused by rays; the other methods take one.
+            area_rays: rays per point, with the filter `area`.
         """
         self._launcher, self._light, self._casters = launcher, light, casters
         self._receivers = None
@@ -131,13 +132,13 @@ class RayTracedShadow:
             self._disk = launcher.array(spiral(area_rays).astype(np.float32), "shadow_filter", dtype=wp.vec3)
 
     def update(self, time: float) -> None:
-        """Places the light as at a time code."""
+        """Places the light for a time code."""
         state = self._casters.version, self._light.transform_at(time).tobytes()
         if state == self._placed:
             return
         self._placed = state
         extent = self._casters.extent if self._receivers is None else float(np.abs(self._receivers).max())
-        # A receiver is to clear its own triangles; others may be far larger, like a sky around the set.
+        # Only the receivers' own triangles have to be cleared; others may be far larger, like a sky around the set.
         self._offset = round_off(extent)
         if isinstance(self._light, DistantLight):
             past_all = 4.0 * max(self._casters.extent, extent)
@@ -150,7 +151,7 @@ class RayTracedShadow:
         to_light = -distance * direction
         self._homogeneous = wp.vec4(*to_light.tolist(), 0.0)
         self._near, self._far = 0.0, float(np.inf)
-        # As wide in the sky as the light, seen from the set.
+        # With the angular size of the light, seen from the set.
         sine = min(np.sin(np.radians(min(0.5 * self._light.angle, 80.0))), _WIDEST_SINE)
         self._radius = float(distance * sine)
         if self._receivers is not None:
@@ -189,7 +190,7 @@ class RayTracedShadow:
         self._tiles.place(tiles, coverage.CUBE_FRAMES, position, 1.0, True)
 
     def _boxes(self, light: np.ndarray) -> np.ndarray:
-        """Boxes of what may stand between the receivers and the light, [n, 2, 3]."""
+        """Returns boxes of what may lie between the receivers and the light, [n, 2, 3]."""
         return _grown(self._casters.boxes_behind_which(self._receivers, light, self._offset), self._offset)
 
     def visibility(
@@ -201,7 +202,7 @@ class RayTracedShadow:
             points: in set space, [n] vec3.
             normals: unit surface normals, [n] vec3.
             visibility_out: [n].
-            facets: make no difference to rays; maps have a bias by them.
+            facets: unused by rays; depth maps take their bias from them.
         """
         rays = (self._offset, self._near, self._far, points, normals, visibility_out)
         where, count = (self._casters.mesh.id, self._tiles.mask, self._homogeneous), len(points)
@@ -212,5 +213,5 @@ class RayTracedShadow:
 
 
 def _grown(boxes: np.ndarray, reach: float) -> np.ndarray:
-    """Boxes [n, 2, 3] that hold all within reach."""
+    """Grows boxes [n, 2, 3] by `reach` on all sides."""
     return boxes + reach * np.array([[-1.0], [1.0]])

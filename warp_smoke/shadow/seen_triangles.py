@@ -1,10 +1,10 @@
-"""Triangles as a light sees them: which of a tile's few triangles a ray meets, without a hierarchy.
+"""Triangles as a light sees them: which of a tile's few triangles a ray hits, without a hierarchy.
 
 Rasterisation with homogeneous edge functions (Olano and Greer, "Triangle Scan Conversion Using 2D Homogeneous
 Coordinates", 1997). A *place* is the direction of a ray from a point light, or (s, t, 1) on the map of a distant one.
-What a triangle covers lies between three planes through the origin of such places, and the nearness of its own plane
-is linear in them too: 1 / distance, or (far − depth) / (far − near). So a triangle costs a ray four dot products.
-Neighbours share the plane through a side.
+The places that a triangle covers lie between three planes through the origin, and the nearness of the triangle's own
+plane is linear in the place: 1 / distance, or (far − depth) / (far − near). So a triangle costs a ray four dot
+products. Neighbours share the plane through a side.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from warp_smoke.shadow.bias import round_off
 
 wp.set_module_options({"enable_backward": False})
 
-# Rows, all to be multiplied by a place: how far inside each side it is, and the nearness.
+# Rows, whose products with a place are its distance inside each side, and the nearness.
 Planes = wp.types.matrix(shape=(4, 3), dtype=float)
 
 
@@ -25,10 +25,10 @@ class SeenTriangles:
     Attributes:
         planes: of those that are seen, [n].
         count: n.
-        rounding: how far beside a plane a ray still meets the triangle: more than rounding moves it, so that none slips
+        rounding: how far outside a plane a ray still hits the triangle: more than rounding moves it, so that none slips
             between neighbours or through a corner where many meet.
-        listed: how many triangles the rays of a tile may meet, −1 for more than fit, and which, a tile a row, [tiles,
-            1 + `coverage.TRIANGLES_IN_TILE`]; no rows where the scene has too many triangles.
+        listed: the number of triangles that rays of a tile may hit, −1 for more than fit, and their indices, one tile
+            per row, [tiles, 1 + `coverage.TRIANGLES_IN_TILE`]; no rows where the scene has too many triangles.
     """
 
     planes: wp.array[Planes]
@@ -46,7 +46,7 @@ def covers(seen: SeenTriangles, triangle: int, place: wp.vec3, reach: float):
 
 @wp.func
 def is_listed(seen: SeenTriangles, tile: int):
-    """Whether a tile's list holds all that its rays may meet."""
+    """Whether a tile's list holds all triangles that its rays may hit."""
     found = wp.bool(False)
     if tile < seen.listed.shape[0]:
         found = seen.listed[tile, 0] >= 0
@@ -55,7 +55,7 @@ def is_listed(seen: SeenTriangles, tile: int):
 
 @wp.func
 def greatest_nearness(seen: SeenTriangles, tile: int, place: wp.vec3, most: float):
-    """Nearness of the nearest of a tile's triangles that cover a place, of those with `most` or less; 0 for none."""
+    """The greatest nearness, up to `most`, of a tile's triangles that cover a place; 0 for none."""
     nearest = wp.float32(0.0)
     for k in range(1, seen.listed[tile, 0] + 1):
         v = seen.planes[seen.listed[tile, k]] * place
@@ -65,14 +65,14 @@ def greatest_nearness(seen: SeenTriangles, tile: int, place: wp.vec3, most: floa
 
 
 def planes_from_point(triangles: np.ndarray, position: np.ndarray, slack: float, cull_front: bool) -> np.ndarray:
-    """Planes of the triangles that are seen from a point, [n, 4, 3] float32; nearness is 1 / distance.
+    """Returns planes of the triangles that are seen from a point, [n, 4, 3] float32; nearness is 1 / distance.
 
     Triangles whose plane is within `slack` of the point are seen edge-on, and hide nothing.
 
     Args:
         triangles: corners, front faces counter-clockwise, [m, 3, 3].
         position: the point, [3].
-        slack: distance from a plane that counts as in it.
+        slack: distance from a plane up to which the point counts as on it.
         cull_front: leaves out triangles whose front is seen.
     """
     corners = triangles.astype(np.float64) - position
@@ -83,11 +83,11 @@ def planes_from_point(triangles: np.ndarray, position: np.ndarray, slack: float,
 
 
 def planes_from_afar(triangles: np.ndarray, frame: np.ndarray, near: float, far: float, cull_front: bool) -> np.ndarray:
-    """Planes of the triangles that a distant light sees, [n, 4, 3] float32; nearness is (far − depth) / (far − near).
+    """Returns planes of the triangles seen by a distant light, [n, 4, 3] float32; nearness (far − depth)/(far − near).
 
     Args:
         triangles: corners, front faces counter-clockwise, [m, 3, 3].
-        frame: axes s, t and the way the light shines, one a row, [3, 3].
+        frame: axes s, t and the light's direction, one per row, [3, 3].
         near: depth of nearness 1.
         far: depth of nearness 0.
         cull_front: leaves out triangles whose front is seen.
@@ -104,13 +104,13 @@ def planes_from_afar(triangles: np.ndarray, frame: np.ndarray, near: float, far:
 
 
 def _planes(corners: np.ndarray, nearness: np.ndarray, turned: np.ndarray, dimensions: int) -> np.ndarray:
-    """The rows of `Planes` for corners [n, 3, 3], places.
+    """Computes the rows of `Planes`.
 
     Args:
-        corners: places, [n, 3, 3].
+        corners: places of the corners, [n, 3, 3].
         nearness: the last row, [n, 3].
         turned: −1 where corners run clockwise, else 1.
-        dimensions: in which the distance from a side is measured.
+        dimensions: number of components of a side that are normalized, so that distances from it are measured in them.
     """
     sides = [np.cross(corners[:, i], corners[:, j]) * turned[:, None] for i, j in ((0, 1), (1, 2), (2, 0))]
     lengths = [np.linalg.norm(side[:, :dimensions], axis=1, keepdims=True) for side in sides]

@@ -1,6 +1,6 @@
-"""Sums of the smoke's slices on a light buffer: each lands there by a shift, a shift and a scale, or by splats.
+"""Sums of the smoke's slices on a light buffer: each is added with a shift, with a shift and a scale, or by splats.
 
-After the shear-warp of Lacroute and Levoy (1994). Where smoke is, is found first: rows without any cost nothing.
+After the shear-warp of Lacroute and Levoy (1994). Rows that hold smoke are found first; empty rows cost nothing.
 """
 
 import warp as wp
@@ -11,16 +11,16 @@ from warp_smoke.shadow.slice_rows import Slices, flags_from, integers, row_from,
 
 wp.set_module_options({"enable_backward": False})
 
-# Elements that are looked at before a row is known to hold smoke.
+# Elements of a row that are read at a time while searching for smoke.
 _PEEK = wp.constant(64)
 _LINE = wp.constant(LINE)
 
 
 @wp.kernel
 def _find_smoke(rows: Rows, density: wp.array3d[float], slices: Slices, smoky_out: wp.array2d[int]):
-    """smoky[z, s] = whether the row has any density; rows with smoke at their beginning are not read to the end.
+    """smoky[z, s] = whether the row has any density; reading stops soon after the first smoke.
 
-    Rows are taken in the order in which they lie in memory.
+    Rows are read in the order in which they lie in memory.
     """
     outer, inner, c = wp.tid()
     outer += rows.first
@@ -54,8 +54,8 @@ def _turn_slices(
 ):
     """slices[i, k, j] = density[i, j, k], so that slices across the fastest axis have contiguous rows.
 
-    smoky[k, i] = whether row i of slice k has any density. As many j at a time as fill a line of cache, so that each is
-    written at once; a block without smoke, now (bit 0 of smoky[i, block, k]) and before (bit 1), is left as it is.
+    smoky[k, i] = whether row i of slice k has any density. Each block has as many j as fill a cache line, so that a
+    line is written at once; a block without smoke now (bit 0 of smoky[i, block, k]) and before (bit 1) is skipped.
     """
     i, _, c = wp.tid()
     i += rows.first
@@ -71,7 +71,7 @@ def _turn_slices(
             flags[k] = (flags[k] & 1) << 1
             k += 1
         above = (i * density.shape[1] + first) * step + begin
-        # Four rows a pass: the flags are read and written less often.
+        # Four rows per pass: the flags are read and written less often.
         for j in range(0, size, 4):
             row = row_from(density, above + j * step)
             row1 = row_from(density, above + wp.min(j + 1, size - 1) * step)
@@ -103,7 +103,7 @@ def _turn_slices(
 
 @wp.func
 def _begin_layer(sums: wp.array3d[wp.int32], n: int, p: int, first: int, end: int):
-    """Row p of layer n starts as that of the layer before it."""
+    """Initializes row p of layer n with that of the layer before it."""
     q = first
     if n == 0:
         while q < end:
@@ -122,7 +122,7 @@ def _row_has_smoke(slices: Slices, z: int, i: int):
 
 @wp.func
 def _rows_around(slices: Slices, z: int, s: float):
-    """Where the rows before and after s begin, and their weights; those of rows without smoke are 0."""
+    """Where the rows before and after s begin, and their weights, which are 0 for rows without smoke."""
     i = int(wp.floor(s))
     f = s - float(i)
     has_near = _row_has_smoke(slices, z, i)
@@ -144,7 +144,7 @@ def _shear_slices(
     layer: int,
     summed_out: wp.array3d[float],
 ):
-    """As `_march_slices` for a = 1: each slice lands shifted, with weights that are the same for all its texels."""
+    """As `_march_slices` for a = 1: each slice is shifted, with the same weights for all its texels."""
     p, _, c = wp.tid()
     p += rows.first
     # The sums are read back as integers too: a float load might alias the store, which would stop vectorisation.
@@ -161,7 +161,7 @@ def _shear_slices(
                 near = row_from(density, k0)
                 far = row_from(density, k1)
                 last = slices.size - 1
-                # The texels whose ray passes outside the first and the last cell's centre.
+                # The texels whose rays pass outside the centres of the first and the last cell.
                 q = -1 - shift
                 if first <= q and q < end:
                     sums[n, p, q] = bits(wp.cast(sums[n, p, q], float) + g * (w0 * near[0] + w1 * far[0]))
@@ -207,7 +207,7 @@ def _march_slices(
             place = places[z]
             k0, k1, w0, w1 = _rows_around(slices, z, place[0] * float(p) + place[1])
             if w0 + w1 > 0.0:
-                # Texels whose ray passes between the centres before the first and behind the last cell.
+                # Texels whose rays pass between the centres one cell before the first and one cell after the last.
                 q = wp.max(first, int(wp.ceil((-1.0 - place[2]) / place[0])))
                 stop = wp.min(end, int(wp.ceil((float(nt) - place[2]) / place[0])))
                 wide = wp.where(nt > 1, 1.0, 0.0)
@@ -268,7 +268,7 @@ def _gather_splats(
 
 
 def find_smoke(launcher: Launcher, density: wp.array, slices: Slices) -> None:
-    """Sets which rows of the slices have smoke."""
+    """Finds which rows of the slices hold smoke, and sets `slices.smoky`."""
     slices.smoky.zero_()
     depth, count = slices.smoky.shape
     in_memory = (count, depth) if abs(slices.z_step) < slices.s_step else (depth, count)
@@ -276,20 +276,20 @@ def find_smoke(launcher: Launcher, density: wp.array, slices: Slices) -> None:
 
 
 def blocks_along(cells: int) -> int:
-    """Number of blocks that `turn_slices` turns rows of so many cells by."""
+    """Returns the number of blocks in which `turn_slices` transposes rows of this many cells."""
     return -(-cells // _LINE)
 
 
 def turn_slices(
     launcher: Launcher, density: wp.array, blocks_inout: wp.array, slices_out: wp.array, smoky_out: wp.array
 ) -> None:
-    """Turns slices across the fastest axis, and finds which of their rows have smoke.
+    """Transposes slices across the fastest axis, and finds which of their rows hold smoke.
 
     Args:
         launcher: launches the kernels.
         density: [nx, ny, nz].
-        blocks_inout: which blocks hold smoke since the last time, [nx, blocks_along(ny), nz]; zeros at first.
-        slices_out: [nx, nz, ny]; zeros at first.
+        blocks_inout: which blocks held smoke at the last call, [nx, blocks_along(ny), nz]; initially zeros.
+        slices_out: [nx, nz, ny]; initially zeros.
         smoky_out: of `Slices`, [nz, nx].
     """
     nx, _, nz = blocks_inout.shape
@@ -303,9 +303,9 @@ def project_slices(
 
     Args:
         launcher: launches the kernel.
-        density: that `slices` says how to read.
-        slices: which rows of it.
-        places: where texels sample each slice, samples at whole numbers (`Shear.slice_places`), [slices] vec3.
+        density: the smoke, laid out in memory as `slices` says.
+        slices: the layout, and which rows hold smoke.
+        places: where texels sample each slice, cell centres at integers (`Shear.slice_places`), [slices] vec3.
         layer: slices in each layer.
         shifts: whether texels are as wide as cells in all slices.
         summed: Σ ρ to the end of each layer, [layers, S, T].
@@ -318,6 +318,6 @@ def project_slices(
 def splat_slices(
     launcher: Launcher, density: wp.array, slices: Slices, tables: list[wp.array], layer: int, summed: wp.array
 ) -> None:
-    """As `project_slices`, by a splat's tables: first cells and weights along s, and along t (`splats.Taps`)."""
+    """Does what `project_slices` does, by a splat's tables: first cells and weights along s and t (`splats.Taps`)."""
     _, s, t = summed.shape
     launcher.launch(_gather_splats, (s, 1, t), density, slices, *tables, layer, summed)

@@ -1,16 +1,16 @@
-"""Rows of the smoke's slices as they lie in memory."""
+"""Views of the rows of the smoke's slices in memory."""
 
 import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
-# Rows are looped over as views that begin at their first element: LLVM then vectorises them. Views want a length.
+# Loops over rows use views that begin at their first element: LLVM then vectorises them. Views need a length.
 _LONG = wp.constant(2**31 - 1)
 
 
 @wp.struct
 class Slices:
-    """Where density's elements (z, s, t) lie in memory: at first + z · z_step + s · s_step + t.
+    """Where the density's elements (z, s, t) are in memory: at first + z · z_step + s · s_step + t.
 
     Attributes:
         smoky: whether row (z, s) has any smoke.
@@ -26,7 +26,7 @@ class Slices:
 
 @wp.func
 def row_from(a: wp.array3d[float], first: int):
-    """The elements of a contiguous array from one on."""
+    """The elements of a contiguous array from `first` on."""
     return wp.array(ptr=a.ptr + wp.uint64(4) * wp.uint64(first), shape=(_LONG,), dtype=float)
 
 
@@ -38,13 +38,13 @@ def integers(a: wp.array2d[int], n: int):
 
 @wp.func
 def flags_from(a: wp.array3d[int], n: int, p: int, first: int):
-    """The elements of row (n, p) of a contiguous array of flags from one on."""
+    """The elements of row (n, p) of a contiguous array of flags from `first` on."""
     offset = (n * a.shape[1] + p) * a.shape[2] + first
     return wp.array(ptr=a.ptr + wp.uint64(4) * wp.uint64(offset), shape=(_LONG,), dtype=int)
 
 
 @wp.func
 def row_store(a: wp.array3d[float], n: int, p: int, first: int):
-    """The elements of row (n, p) of a contiguous array from one on, as integers: see `dense_store`."""
+    """The elements of row (n, p) of a contiguous array from `first` on, as integers: see `dense_store`."""
     offset = (n * a.shape[1] + p) * a.shape[2] + first
     return wp.array(ptr=a.ptr + wp.uint64(4) * wp.uint64(offset), shape=(_LONG,), dtype=wp.int32)

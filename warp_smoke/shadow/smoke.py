@@ -1,8 +1,8 @@
-"""Shadow of smoke by a light buffer of optical depth, gathered along the light's true rays.
+"""Smoke shadow by a light buffer of optical depth, gathered along the light's true rays.
 
 After the shear-warp of Lacroute and Levoy (1994); transmittance by Beer and Lambert, T = exp(−σ ∫ ρ ds). Voxels are
 sampled along each texel's ray (`march`) or spread over texels (`splats`), slice by slice (`slice_projection`). The
-buffer is layered, so that a receiver inside the smoke has only the smoke between it and the light before it.
+buffer is layered, so that a receiver inside the smoke is shadowed only by the smoke between it and the light.
 """
 
 import numpy as np
@@ -52,7 +52,7 @@ class LightBuffer:
 
 @wp.func
 def smoke_optical_depth(b: LightBuffer, point: wp.vec3):
-    """τ = σ h Σ ρ · |ray| / |ray_z| between the light and a point; 0 before the smoke and beside it."""
+    """τ = σ h Σ ρ · |ray| / |ray_z| between the light and a point; 0 in front of the smoke and beside it."""
     q = wp.transform_point(b.from_set, point)
     ray = b.light[3] * q - wp.vec3(b.light[0], b.light[1], b.light[2])
     depth = 0.0
@@ -84,9 +84,9 @@ def smoke_optical_depth(b: LightBuffer, point: wp.vec3):
 
 @wp.func
 def _depth_in_box(box: wp.vec3, near: wp.vec2, slope: wp.vec2, z: float):
-    """Depth up to which a ray's smoke lies before a point at depth z: none before the box, all of it behind the box.
+    """Depth up to which a ray's smoke counts for a point at depth z: none in front of the box, all of it behind.
 
-    So a receiver outside the box, or on its side, has the whole ray's smoke or none, however few the layers.
+    So a receiver outside the box, or on its side, gets all of the ray's smoke or none, however few the layers.
     """
     enters = wp.float32(_TOUCH)
     leaves = wp.float32(box[2] - _TOUCH)
@@ -139,28 +139,28 @@ class SmokeShadow:
         extinction: float,
         color: tuple[float, float, float] = (1.0, 1.0, 1.0),
     ):
-        """Makes the buffer; `update` fills it.
+        """Allocates the buffer; `update` fills it.
 
         Args:
             launcher: launches the kernels.
             lattice: the smoke's cells.
             light: any light outside the domain (`light_buffer.buffer_serves`). Its `smoke_shadow` is march or a splat;
                 its `smoke_shadow_size` is the number of texels along the buffer's longer side, None = texels as wide
-                as a cell; its `smoke_shadow_layer` is the number of slices in a layer, of which a receiver inside the
-                box has its share, None = all, which is enough for receivers outside; its `smoke_diffusion`,
-                `smoke_diffuser` and `smoke_sweeps` spread the buffer.
+                as a cell; its `smoke_shadow_layer` is the number of slices in a layer, within which receivers inside
+                the box interpolate, None = all, which is enough for receivers outside; its `smoke_diffusion`,
+                `smoke_diffuser` and `smoke_sweeps` diffuse the buffer.
             origin: world position of set space's origin [stage units], [3] float64.
             extinction: σ [1/m] at density 1.
             color: factor on σ for red, green and blue.
 
         Raises:
-            ValueError: for a light that is inside the domain or too near.
+            ValueError: the light is inside the domain or too near to it.
         """
         self._launcher, self._lattice, self._light = launcher, lattice, light
         self._origin, self._extinction = np.asarray(origin, np.float64), extinction
         self._color = wp.vec3(*color)
         self._splat = SPLATS.get(light.smoke_shadow)
-        # A light that moves keeps one buffer, as large as it is ever needed.
+        # A light that moves keeps one buffer, as large as it ever needs.
         self._texels = None
         texels = [self._fit(time).texels for time in light_times(light)]
         if light.moves:
@@ -168,7 +168,7 @@ class SmokeShadow:
         self._memory, self._shear = {}, None
 
     def update(self, density: wp.array, time: float) -> None:
-        """Projects the smoke [nx, ny, nz] onto the buffer, with the light as at a time code."""
+        """Projects the smoke [nx, ny, nz] onto the buffer, with the light at a time code."""
         if self._shear is None or self._light.moves:
             self._place(time)
         memory, slices, launcher = self._memory[self._shear.axis], self._slices, self._launcher
@@ -196,7 +196,7 @@ class SmokeShadow:
         self._launcher.launch_each(_attenuate, len(points), *args)
 
     def optical_depth(self) -> np.ndarray:
-        """τ from the light to the end of each layer along the ray through each texel's centre, [layers, S, T]."""
+        """Returns τ from the light to the end of each layer along the ray through each texel centre, [layers, S, T]."""
         shear = self._shear
         centres = shear.corner + shear.texel * (np.stack(np.indices(shear.texels), axis=-1) + 0.5)
         length = np.sqrt(1.0 + np.sum(shear.slopes(centres) ** 2, axis=-1))
@@ -260,7 +260,7 @@ class _Memory:
             self.diffusion = Diffusion(launcher, buffers, *how)
 
     def place(self, *tables: np.ndarray) -> None:
-        """Sets a splat's tables; a light that moves rarely needs more room for them."""
+        """Sets a splat's tables; they are reallocated only when their shapes change, as happens when lights move."""
         if [array.shape for array in self.places] != [table.shape for table in tables]:
             self.places = [self._launcher.array(np.ascontiguousarray(table), "smoke_splats") for table in tables]
         else:
@@ -268,7 +268,7 @@ class _Memory:
                 array.assign(np.ascontiguousarray(table))
 
     def slices(self, flipped: bool) -> Slices:
-        """Where the slices lie in memory; those across the fastest axis are turned first."""
+        """Returns the slices' layout in memory; those across the fastest axis are transposed first."""
         _, ny, nz = self._shape
         z_step, s_step, size = [(ny * nz, nz, nz), (nz, ny * nz, nz), (ny, ny * nz, ny)][self._axis]
         depth = self._shape[self._axis]

@@ -1,4 +1,4 @@
-"""Shadow of smoke by a fine march along each receiver point's ray to the light: the truth for light buffers.
+"""Smoke shadow by a fine march along each receiver point's ray to the light: the reference for light buffers.
 
 Transmittance by Beer and Lambert, T = exp(−σ ∫ ρ ds); density is trilinear between cell centres, constant in the
 outer half of the outermost cells, and zero outside the box.
@@ -17,7 +17,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def _cell_axis(x: float, n: int):
-    """Lower sample, its neighbour's distance (0 or 1) and the weight of that neighbour, for x in cells."""
+    """Lower sample, its upper neighbour, and the weight of that neighbour, for x in cells."""
     c = wp.clamp(x - 0.5, 0.0, float(n - 1))
     i = wp.min(int(c), wp.max(n - 2, 0))
     return i, wp.min(i + 1, n - 1), c - float(i)
@@ -25,7 +25,7 @@ def _cell_axis(x: float, n: int):
 
 @wp.func
 def trilinear_density(density: wp.array3d[float], x: wp.vec3):
-    """Density at a place inside the box, in cell coordinates."""
+    """Density at a point inside the box, in cell coordinates."""
     i, i1, f = _cell_axis(x[0], density.shape[0])
     j, j1, g = _cell_axis(x[1], density.shape[1])
     k, k1, h = _cell_axis(x[2], density.shape[2])
@@ -76,7 +76,7 @@ def _march_rays(
 
 
 class RayTracedSmokeShadow:
-    """How much of a light the smoke of one domain lets through, by a ray for each point; the light may be anywhere."""
+    """How much of a light the smoke of one domain lets through, by one ray per point; the light may be anywhere."""
 
     def __init__(
         self,
@@ -97,14 +97,14 @@ class RayTracedSmokeShadow:
             origin: world position of set space's origin [stage units], [3] float64.
             extinction: σ [1/m] at density 1.
             color: factor on σ for red, green and blue.
-            step: between samples, in cells.
+            step: largest distance between samples, in cells.
         """
         self._launcher, self._lattice, self._light, self._step = launcher, lattice, light, step
         self._extinction, self._color = extinction * lattice.h, wp.vec3(*color)
         self._from_set = wp.mat44(set_to_cells(lattice, np.asarray(origin, np.float64)).T.astype(np.float32))
 
     def update(self, density: wp.array, time: float) -> None:
-        """Takes the smoke [nx, ny, nz], which must not change before it is looked up, and the light at a time code."""
+        """Sets the smoke [nx, ny, nz], which must not change before look-ups, and the light at a time code."""
         self._density = density
         self._homogeneous = wp.vec4(*light_in_cells(self._light, self._lattice, time).tolist())
 

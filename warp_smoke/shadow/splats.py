@@ -1,15 +1,15 @@
 """How voxels are spread over a light buffer: one-dimensional weights for each slice of the lattice; no Warp here.
 
-In shear coordinates (`light_buffer`) a splat is the product of weights along s and along t. Each takes the cells that
-a texel gathers from, so the sum over a buffer needs no scatter and no atomics. With x the texel's place and c a cell's
-centre on a slice, and a the texel's width there, all in cells, texel u = (x − c)/a away:
+In shear coordinates (`light_buffer`) a splat is the product of weights along s and along t. Each texel gathers from a
+few cells, so the sum over a buffer needs no scatter and no atomics. With x the texel's centre and c a cell's centre on
+a slice, and a the texel's width there, all in cells, the weight at u = (x − c)/a texels is:
 
-- nearest: 1 where |u| ≤ ½, the texel that the centre falls on;
+- nearest: 1 where |u| ≤ ½, for the texel that contains the centre;
 - bilinear: max(0, 1 − |u|);
 - gaussian: Westover's (1990) footprint of a Gaussian voxel, of standard deviation ½ cell, integrated over the texel;
-- footprint: the share of the cell that the texel covers. Rays cross a slice aslant: two Gauss points across it.
+- footprint: the share of the cell that the texel covers. Rays cross slices obliquely: two Gauss points in depth.
 
-Divided by a, each keeps the mass: for parallel rays Σ buf A is the sum of the voxels.
+Divided by a, each conserves mass: for parallel rays Σ buf A is the sum of the voxels.
 """
 
 import math
@@ -20,7 +20,7 @@ import numpy as np
 
 from warp_smoke.shadow.light_buffer import GAUSSIAN_REACH, GAUSSIAN_WIDTH, Shear
 
-# Of a cell, that splats reach further than they do, so that round-off leaves none out.
+# Added to the reach of splats, in cells, so that round-off leaves no cell out.
 _SLACK = 1e-6
 
 
@@ -29,7 +29,7 @@ class Taps(NamedTuple):
 
     Attributes:
         first: the first cell that each texel gathers from, [samples, texels] int32.
-        weight: of that cell and those after it, [samples, texels, taps] float32.
+        weight: weights of that cell and those after it, [samples, texels, taps] float32.
     """
 
     first: np.ndarray
@@ -41,9 +41,9 @@ class Splat(NamedTuple):
 
     Attributes:
         depths: of the samples in each slice, 0 to 1.
-        reach: how far a cell's centre is from a texel that it adds to, in cells, as a function of a.
-        weigh: weight before the division by a, as a function of where the texel begins and ends, from the cell's
-            centre in texels, and of a. Neighbours share their ends to the bit, so that no cell falls between them.
+        reach: largest distance of a cell's centre from a texel that it adds to, in cells, as a function of a.
+        weigh: weight before the division by a, as a function of the texel's two ends, relative to the cell's centre
+            in texels, and of a. Neighbours share bit-identical ends, so that no cell falls between them.
     """
 
     depths: tuple[float, ...]
@@ -60,7 +60,7 @@ def _bilinear(begin: np.ndarray, end: np.ndarray, a: np.ndarray) -> np.ndarray:
 
 
 def _gaussian(begin: np.ndarray, end: np.ndarray, a: np.ndarray) -> np.ndarray:
-    from scipy.special import ndtr  # takes 0.1 s to import, and is needed here alone
+    from scipy.special import ndtr  # takes 0.1 s to import, and is needed only here
 
     width, reach = GAUSSIAN_WIDTH / a, GAUSSIAN_REACH / a
 
@@ -86,7 +86,7 @@ SPLATS = {
 
 
 def splat_taps(splat: Splat, shear: Shear, shape: tuple[int, int]) -> tuple[Taps, Taps]:
-    """The weights along s and along t.
+    """Computes the weights along s and along t.
 
     Args:
         splat: how voxels are spread.
@@ -101,13 +101,13 @@ def splat_taps(splat: Splat, shear: Shear, shape: tuple[int, int]) -> tuple[Taps
 
 
 def tap_count(splat: Splat, shear: Shear, cells: int) -> int:
-    """Cells that each texel gathers from along an axis of so many."""
+    """Returns the number of cells that each texel gathers from along an axis with `cells` cells."""
     reach = splat.reach(shear.slice_places(splat.depths)[:, 0]) + _SLACK
     return min(math.floor(2.0 * reach.max()) + 1, cells)
 
 
 def _taps(splat: Splat, a: np.ndarray, b: np.ndarray, texels: int, cells: int, count: int, share: float) -> Taps:
-    """Weights of cells, centres at i + ½, on texels at a n + b."""
+    """Computes weights of cells with centres at i + ½ on texels with centres at a n + b."""
     a = a[:, None]
     place = a * np.arange(texels) + b[:, None]
     reach = splat.reach(a) + _SLACK

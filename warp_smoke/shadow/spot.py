@@ -7,7 +7,7 @@ from warp_smoke.shadow.point_shadow import PointMapShadow
 
 
 class SpotShadow(PointMapShadow):
-    """Which points a spot light reaches, by one depth map over its cone; beside the cone all is lit."""
+    """Which points a spot light reaches, by one depth map over its cone; outside the map everything counts as lit."""
 
     faces = 1
 
@@ -23,5 +23,5 @@ class SpotShadow(PointMapShadow):
         return cone_rectangles(boxes, position, frames[0], self.slope)
 
     def depth_picture(self) -> np.ndarray:
-        """The stored depths, [size, size] uint8 (white = far)."""
+        """Returns the stored depths, [size, size] uint8 (white = far)."""
         return np.round(255.0 * self._depths.depth.numpy()[0]).astype(np.uint8)

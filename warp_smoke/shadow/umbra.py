@@ -1,4 +1,4 @@
-"""Where a whole filter is in shadow: how deep what lies in the tiles of a depth map under it is at most.
+"""Test for a filter that is entirely in shadow: a bound on the depths in the tiles of a depth map under it.
 
 After the depth pyramid of Greene, Kass and Miller ("Hierarchical Z-Buffer Visibility", 1993), with one level.
 """
@@ -10,13 +10,13 @@ from warp_smoke.shadow.coverage import TILE
 wp.set_module_options({"enable_backward": False})
 
 _TILE = wp.constant(TILE)
-# Of a filter, in texels: from about there on its taps are fewer than the tiles under it.
+# Largest reach that is tested, in texels: beyond about this, a filter has fewer taps than there are tiles under it.
 _WIDEST = wp.constant(2.0 * TILE)
 
 
 @wp.func
 def deepest_within(deepest: wp.array3d[float], size: int, face: int, s: float, t: float, reach: float):
-    """Bound on the depth of the texels within `reach` of (s, t); 1 if they lie beyond a map of size², or are many."""
+    """Upper bound on the depths within `reach` of (s, t); 1 if that leaves a map of size² texels, or is too wide."""
     last = float(size) - 0.01
     found = wp.float32(1.0)
     if reach <= _WIDEST and wp.min(s, t) >= reach and wp.max(s, t) + reach <= last:
