@@ -106,7 +106,7 @@ class TexelMap:
         return self._squared(self.picture.shares(name, shares, change or self.picture.whole))
 
     def direction_picture(self, directions: wp.array) -> np.ndarray:
-        """Unit vectors of all texels, [n] vec3, as codes of ½ (n + 1), [size, size, 3]; else as `color_picture`."""
+        """Encodes unit vectors of all texels, [n] vec3, as ½ (n + 1), [size, size, 3]; otherwise as `color_picture`."""
         return self._squared(self.picture.directions(directions))
 
     def _squared(self, codes: np.ndarray) -> np.ndarray:
