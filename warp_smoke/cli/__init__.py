@@ -46,7 +46,7 @@ _FAILED = (*_BAD_INPUT, OSError, ImportError, MemoryError, FloatingPointError)
 
 
 def main() -> None:
-    """Entry point of `warp-smoke`."""
+    """Runs `warp-smoke`, and exits with its status."""
     try:
         status = app(sys.argv[1:], exit_on_error=False, print_error=False)
     except BrokenPipeError:  # the reader has closed the pipe

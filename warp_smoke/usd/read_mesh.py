@@ -224,7 +224,7 @@ def _read_gprim(reader: StageReader, prim: Usd.Prim) -> Mesh:
 
 
 def _make_plane(width: float, length: float, axis: str) -> Mesh:
-    """A rectangle facing its axis."""
+    """Makes a rectangle that faces along its axis."""
     (u, u_length), (v, v_length) = {  # u × v is the axis; USD defines which is width and which length
         "X": ((1, length), (2, width)),
         "Y": ((2, length), (0, width)),

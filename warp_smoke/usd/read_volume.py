@@ -28,8 +28,8 @@ def read_volumes(stage: Usd.Stage, scene: Scene, frame: int) -> list[tuple[Smoke
     Returns:
         For each volume with a field `density`: the domain that it belongs to (a default one for volumes from other
         programs), the lattice of its voxels, and the density before `densityScale`, [nx, ny, nz] float32. Files hold
-        only the voxels with smoke: the arrays cover the whole domain, or, if the voxels do not fit one, one more empty
-        voxel on each side.
+        only the voxels with smoke: the arrays cover the whole domain, or, if the voxels do not fit a domain, one empty
+        voxel more on each side.
 
     Raises:
         ValueError: a file is missing or damaged, or its voxels are not cubes.
