@@ -179,7 +179,7 @@ def time_steps(launcher: Launcher, step: Callable[[int], object], steps: int, re
 
 
 def panel_error(suite: Suite, problem: str) -> tuple[str, str]:
-    """The error that a problem's panel shows: its name, and the label of the axis."""
+    """Returns the error that a problem's panel shows: its name, and the label of the axis."""
     return getattr(suite, "PANEL_ERRORS", {}).get(problem, (suite.MAIN_ERROR, suite.ERROR_MEANS))
 
 

@@ -101,7 +101,7 @@ def _measurements(
 
 
 def _is_open(scene: Scene, problem: str, row: Row) -> bool:
-    """Whether the stage leaves a row's method open."""
+    """Returns whether the stage leaves a row's method open."""
     field = "advection" if problem == SMOKE else "shadow_filter"
     records = scene.domains if problem == SMOKE else scene.lights
     return all(field not in record.given or getattr(record, field) == row.method for record in records)

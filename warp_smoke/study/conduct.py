@@ -120,7 +120,7 @@ def comparable(rows: Iterable[Row], cases: Sequence[Case]) -> list[Row]:
 
 
 def _suite(name: str, scene: Scene | None) -> Suite:
-    """A suite by its name."""
+    """Returns a suite by its name."""
     if name != SCENE:
         return load_suite(name)
     from warp_smoke.study.scene import SceneStudy

@@ -10,7 +10,7 @@ MARGIN = 0.3
 
 
 def pareto_front(rows: Iterable[Row], error: str) -> list[Row]:
-    """The rows to choose from, fastest first: each has a smaller error than all that are faster.
+    """Returns the rows to choose from, fastest first: each has a smaller error than all that are faster.
 
     Args:
         rows: of one problem; those that failed are left out.

@@ -36,7 +36,7 @@ class KnownSmoke(NamedTuple):
 
 
 def _box(shape: tuple[int, int, int], voxel_size: float) -> Lattice:
-    """A lattice around the origin."""
+    """Returns a lattice around the origin."""
     to_world = np.eye(4)
     to_world[3, :3] = -0.5 * voxel_size * np.asarray(shape)
     return Lattice(
@@ -54,13 +54,13 @@ def _cube(cells: int) -> Lattice:
 
 
 def _centres(lattice: Lattice, offset: float | np.ndarray = 0.5) -> np.ndarray:
-    """World positions at an offset in every cell (½ = its centre), [nx, ny, nz, 3]."""
+    """Returns the world positions at an offset in every cell (½ = its centre), [nx, ny, nz, 3]."""
     matrix = lattice.cells_to_world()
     return (np.stack(np.indices(lattice.shape), axis=-1) + offset) @ matrix[:3, :3] + matrix[3, :3]
 
 
 def _away(light: Light, points: np.ndarray) -> np.ndarray:
-    """Unit directions of the light's rays at points, [n, 3]."""
+    """Returns the unit directions of the light's rays at points, [n, 3]."""
     if isinstance(light, DistantLight):
         return np.broadcast_to(light.direction_at(1.0), points.shape)
     return normalized(points - light.position_at(1.0))

@@ -6,7 +6,7 @@ from warp_smoke.geometry import normalized
 
 
 def difference(found: np.ndarray, truth: np.ndarray, whole: float | None = None) -> dict[str, float]:
-    """Norms of an error over points that stand for equal areas.
+    """Returns the norms of an error over points that stand for equal areas.
 
     Args:
         found: what was computed, [n, ...].
@@ -20,23 +20,23 @@ def difference(found: np.ndarray, truth: np.ndarray, whole: float | None = None)
 
 
 def gaussian_depth(distance: np.ndarray, width: float, extinction: float) -> np.ndarray:
-    """Optical depth τ = σ s √(2π) e^(−b²/2s²) on lines that pass a Gaussian blob of peak 1 at distance b."""
+    """Returns the optical depth τ = σ s √(2π) e^(−b²/2s²) on lines at distance b from a Gaussian blob of peak 1."""
     return extinction * width * np.sqrt(2.0 * np.pi) * np.exp(-0.5 * (distance / width) ** 2)
 
 
 def sphere_depth(distance: np.ndarray, radius: float, extinction: float) -> np.ndarray:
-    """Optical depth σ 2 √(R² − b²) on lines that pass the middle of a uniform ball at distance b."""
+    """Returns the optical depth σ 2 √(R² − b²) on lines that pass the middle of a uniform ball at distance b."""
     return extinction * 2.0 * np.sqrt(np.maximum(radius**2 - distance**2, 0.0))
 
 
 def spread_gaussian(squares: np.ndarray, variance: float, added: float) -> np.ndarray:
-    """A Gaussian of peak 1 in the plane after diffusion adds to its variance, at squared distances from its middle."""
+    """Returns a plane Gaussian, initially of peak 1, after diffusion, at squared distances from its middle."""
     wide = variance + added
     return variance / wide * np.exp(-0.5 * squares / wide)
 
 
 def implicit_step(u: np.ndarray, r: float) -> np.ndarray:
-    """(I − r Δ)⁻¹ u on a buffer [w, h] with mirrored edges, Δ the five-point Laplacian, by cosine transforms."""
+    """Returns (I − r Δ)⁻¹ u on a buffer [w, h] with mirrored edges, Δ the five-point Laplacian, by cosine transform."""
     from scipy import fft
 
     eigenvalues = [2.0 - 2.0 * np.cos(np.pi * np.arange(n) / n) for n in u.shape]
@@ -44,29 +44,29 @@ def implicit_step(u: np.ndarray, r: float) -> np.ndarray:
 
 
 def variance(u: np.ndarray) -> float:
-    """Variance of a buffer [w, h] along its first axis, about its mean [texels²]."""
+    """Returns the variance of a buffer [w, h] along its first axis, about its mean [texels²]."""
     share, x = u.sum(axis=1) / u.sum(), np.arange(len(u))
     return float(share @ x**2 - (share @ x) ** 2)
 
 
 def sphere_shadow_radius(height: float, distance: float, radius: float) -> float:
-    """Radius H R / √(d² − R²) of a ball's shadow on a plane, from a point H above it and d above the ball's middle."""
+    """Returns the radius H R / √(d² − R²) of a ball's shadow on a plane, lit from H above it and d above the ball."""
     return height * radius / float(np.sqrt(distance**2 - radius**2))
 
 
 def disk_share(cut: np.ndarray) -> np.ndarray:
-    """Share of a unit disk that lies beyond a line at a signed distance −1…1 from its middle."""
+    """Returns the share of a unit disk that lies beyond a line at a signed distance −1…1 from its middle."""
     cut = np.clip(cut, -1.0, 1.0)
     return (np.arccos(cut) - cut * np.sqrt(1.0 - cut**2)) / np.pi
 
 
 def wave_heights(x: np.ndarray, y: np.ndarray, amplitude: float) -> np.ndarray:
-    """Heights A sin 2πx sin 2πy."""
+    """Returns the heights A sin 2πx sin 2πy."""
     return amplitude * np.sin(2.0 * np.pi * x) * np.sin(2.0 * np.pi * y)
 
 
 def wave_normals(x: np.ndarray, y: np.ndarray, amplitude: float) -> np.ndarray:
-    """Unit normals of `wave_heights`, [..., 3]."""
+    """Returns the unit normals of `wave_heights`, [..., 3]."""
     k = 2.0 * np.pi
     slope_x = amplitude * k * np.cos(k * x) * np.sin(k * y)
     slope_y = amplitude * k * np.sin(k * x) * np.cos(k * y)
@@ -92,12 +92,12 @@ def blinn_phong(
 
 
 def blinn_phong_albedo(exponent: float) -> float:
-    """Share of light of normal incidence that (m + 8)/8 (n·h)ᵐ reflects: (m + 8)(m + 2^(−m/2))/((m + 2)(m + 4))."""
+    """Returns (m + 8)(m + 2^(−m/2))/((m + 2)(m + 4)), the share of normal light that (m + 8)/8 (n·h)ᵐ reflects."""
     return (exponent + 8.0) * (exponent + 2.0 ** (-exponent / 2.0)) / ((exponent + 2.0) * (exponent + 4.0))
 
 
 def edge_penumbra(points: np.ndarray, light: np.ndarray, radius: float, height: float) -> np.ndarray:
-    """Share of a spherical light that points on y = 0 see past a half plane x < 0 at some height, [n].
+    """Returns the share of a spherical light that points on y = 0 see past a half plane x < 0 at some height, [n].
 
     The plane through the point and the edge passes the light's middle at an angle φ, and the light is seen as a disk
     of angular radius α: the cut is at tan φ / tan α of the disk's radius.

@@ -134,7 +134,7 @@ def differences(found: Outcome, finest: Outcome) -> dict[str, float]:
 
 
 def _rms(pairs: list[tuple[np.ndarray, np.ndarray]]) -> float:
-    """Root mean square difference of pixels, scaled so that the largest code is 1."""
+    """Returns the root mean square difference of pixels, scaled so that the largest code is 1."""
     total = count = 0.0
     for a, b in pairs:
         most = np.iinfo(a.dtype).max if np.issubdtype(a.dtype, np.integer) else 1.0

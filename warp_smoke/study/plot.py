@@ -119,7 +119,7 @@ def _legend(styles: dict[str, dict], theme: Theme) -> list[Line2D]:
 
 
 def picture(figure: Figure, kind: str, dots_per_inch: int = 150) -> bytes:
-    """A figure as `png` or `svg`, without the date, so that equal figures give equal bytes."""
+    """Returns a figure as `png` or `svg`, without the date, so that equal figures give equal bytes."""
     stream = BytesIO()
     metadata = {"Software": None} if kind == "png" else {"Date": None, "Creator": None}
     figure.savefig(stream, format=kind, dpi=dots_per_inch, facecolor=figure.get_facecolor(), metadata=metadata)
@@ -263,7 +263,7 @@ def _place_labels(axes: Axes, labels: Sequence[_Label]) -> None:
 
 
 def _marks(axes: Axes) -> np.ndarray:
-    """Closely spaced points on the panel's lines, [n, 2] in pixels."""
+    """Returns closely spaced points on the panel's lines, [n, 2] in pixels."""
     places = []
     for line in axes.lines:
         corners = axes.transData.transform(np.column_stack(line.get_data()))
@@ -273,5 +273,5 @@ def _marks(axes: Axes) -> np.ndarray:
 
 
 def _overlap(a: np.ndarray, b: np.ndarray) -> float:
-    """Area that two boxes share."""
+    """Returns the area that two boxes share."""
     return float(np.prod(np.maximum(0.0, np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]))))

@@ -48,7 +48,7 @@ _THOUSANDTH = 1e-3
 
 
 def _plates(lower: tuple[float, ...], upper: tuple[float, ...], thickness: float) -> list[Mesh]:
-    """The six walls of a hollow box."""
+    """Returns the six walls of a hollow box."""
     plates = []
     for axis in range(3):
         for side in (lower[axis], upper[axis] - thickness):
@@ -92,7 +92,7 @@ def cases(full: bool) -> list[Case]:
 
 
 def _projecting_cases(problems: Iterable[str], solvers: Iterable[str], n: int) -> list[Case]:
-    """Each problem with each solver that can solve it, at each tolerance or number of sweeps."""
+    """Returns each problem with each solver that can solve it, at each tolerance or number of sweeps."""
     made = []
     for problem, solver in product(problems, solvers):
         if solver == _SLOW and n >= _SLOW_FROM and problem not in _LARGE_PROBLEMS:
@@ -158,7 +158,7 @@ def _check_memory(launcher: Launcher, n: int) -> None:
 
 
 def manufactured(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The pressure exp(cos πx cos 2πy cos πz) and its Laplacian on the grid x × x × x, [n, n, n] float64."""
+    """Returns the pressure exp(cos πx cos 2πy cos πz) and its Laplacian on the grid x × x × x, [n, n, n] float64."""
     waves = np.pi * np.array([1.0, 2.0, 1.0])
     cosines = [np.cos(k * x).reshape(shape) for k, shape in zip(waves, _AXES, strict=True)]
     sines = [np.sin(k * x).reshape(shape) for k, shape in zip(waves, _AXES, strict=True)]

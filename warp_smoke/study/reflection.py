@@ -20,7 +20,7 @@ _LAMP, _EYE = np.array([2.0, 2.0, 1.0]), np.array([-0.5, 1.0, 2.8])
 
 
 def _ball(segments: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A ball's triangles [m, 3, 3], and points seen from the eye: triangle, barycentric weights, and truth."""
+    """Returns a ball's triangles [m, 3, 3], and points seen from the eye: triangle, barycentric weights, and truth."""
     mesh = Mesh.sphere(1.0, segments)
     corners = mesh.points_at(1.0).astype(np.float64)[mesh.triangles]
     rng = np.random.default_rng(0)
@@ -37,7 +37,7 @@ def _ball(segments: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
 
 
 def _gloss() -> tuple[Material, PointLight]:
-    """The ball's material and its light, of B = 1/d²."""
+    """Returns the ball's material and its light, of B = 1/d²."""
     lamp = PointLight(path="/Lamp", transform=at(*_LAMP), intensity=4.0 * np.pi)
     return Material(diffuse_color=_DIFFUSE, fresnel_r0=_R0, roughness=_ROUGHNESS), lamp
 

@@ -22,7 +22,7 @@ _DEPTH, HEIGHT_TEXELS = 0.06, 256
 
 
 def _waves(texels: int) -> tuple[np.ndarray, np.ndarray]:
-    """Heights at the centres of texels, first row at the top, and their exact normals."""
+    """Returns the heights at the centres of texels, first row at the top, and their exact normals."""
     along = (np.arange(texels) + 0.5) / texels
     x, y = np.meshgrid(along, along[::-1])
     return wave_heights(x, y, _AMPLITUDE), wave_normals(x, y, _AMPLITUDE)
@@ -60,13 +60,13 @@ def measure_looked_up(texels: int, launcher: Launcher, repeats: int) -> Measured
 
 
 def _relief_height(uv: np.ndarray) -> np.ndarray:
-    """Heights of the relief, 0 to 1, at texture coordinates [n, 2]."""
+    """Returns the heights of the relief, 0 to 1, at texture coordinates [n, 2]."""
     return 0.5 + wave_heights(2.0 * uv[:, 0], 2.0 * uv[:, 1], 0.5)
 
 
 @cache
 def _relief_uvs(degrees: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Direction to the eye, texture coordinates, and those where the line of sight first meets the relief."""
+    """Returns the direction to the eye, texture coordinates, and those where the view ray first meets the relief."""
     angle, turn = np.radians(degrees), np.radians(30.0)
     to_eye = np.array([np.sin(angle) * np.cos(turn), np.cos(angle), -np.sin(angle) * np.sin(turn)])
     slope = np.tan(angle) * np.array([np.cos(turn), np.sin(turn)])

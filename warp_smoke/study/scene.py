@@ -101,7 +101,7 @@ class SceneStudy:
         return made
 
     def _frames(self, full: bool) -> Scene:
-        """The scene with the frames that are run: without smoke only the first."""
+        """Returns the scene with the frames that are run: without smoke only the first."""
         start, end = self._scene.start, self._scene.end
         if not self._plan.domains:
             return replace(self._scene, end=start)
@@ -156,18 +156,18 @@ class SceneStudy:
         return Case("scene", problem, method, parameters, resolution, None, measure, reference)
 
     def _outcome(self, launcher: Launcher, scene: Scene) -> Outcome:
-        """The last frame of a reference run, which is made on first use."""
+        """Returns the last frame of a reference run, which is made on first use."""
         name = _run_in_words(scene)
         if name not in self._outcomes:
             self._outcomes[name], _ = run_scene(launcher, scene, 0)
         return self._outcomes[name]
 
     def order(self, rows: Sequence[Row]) -> dict[tuple[str, str], float]:
-        """None: a stage has no known answer."""
+        """Returns nothing: a stage has no known answer."""
         return {}
 
     def unexpected(self, rows: Sequence[Row]) -> list[str]:
-        """None: a stage has no known answer."""
+        """Returns nothing: a stage has no known answer."""
         return []
 
     def explain(self, rows: Sequence[Row]) -> str:

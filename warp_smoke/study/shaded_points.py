@@ -71,7 +71,7 @@ def place_points(
 
 
 def on_square(uvs: np.ndarray) -> dict[str, np.ndarray]:
-    """The arrays of points of the unit square in y = 0, u along x and v along −z, for texture coordinates [n, 2]."""
+    """Returns arrays of points on the unit square in y = 0, u along x, v along −z, for texture coordinates [n, 2]."""
     none = np.zeros(len(uvs))
     return {
         "positions": np.stack([uvs[:, 0], none, -uvs[:, 1]], axis=1),

@@ -51,12 +51,12 @@ class ShadowScene:
 
 
 def bunny() -> Mesh:
-    """The Stanford bunny of Warp's examples, about 1.6 units tall, standing on y = 0."""
+    """Returns the Stanford bunny of Warp's examples, about 1.6 units tall, standing on y = 0."""
     return Scene.open(Path(warp.examples.get_asset_directory()) / "bunny.usd").surfaces[0].mesh
 
 
 def sample_mesh(mesh: Mesh, count: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Points spread evenly over a mesh, their face normals, [n, 3] each, and the mesh's area."""
+    """Returns points spread evenly over a mesh, their face normals, [n, 3] each, and the mesh's area."""
     rng = np.random.default_rng(0)
     corners = mesh.points_at(1.0).astype(np.float64)[mesh.triangles]
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -67,7 +67,7 @@ def sample_mesh(mesh: Mesh, count: int) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def shine(direction: tuple[float, float, float]) -> np.ndarray:
-    """A transform whose −Z axis points along a direction."""
+    """Returns a transform whose −Z axis points along a direction."""
     z = -normalized(np.array([direction], np.float64))[0]
     x = normalized(np.cross([np.eye(3)[np.argmin(np.abs(z))]], z))[0]
     matrix = np.eye(4)
@@ -116,7 +116,7 @@ def bunny_scene(device: str, kind: str) -> ShadowScene:
 
 
 def _floor(half: float) -> np.ndarray:
-    """Points of a square around the origin in y = 0, one at random in each of its cells, [n, 3]."""
+    """Returns points of a square around the origin in y = 0, one at random in each of its cells, [n, 3]."""
     places = np.indices((FLOOR_POINTS, FLOOR_POINTS)) + np.random.default_rng(0).random((2, FLOOR_POINTS, FLOOR_POINTS))
     x, z = half * (2.0 * places.reshape(2, -1) / FLOOR_POINTS - 1.0)
     return np.stack([x, np.zeros_like(x), z], axis=1)

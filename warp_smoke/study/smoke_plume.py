@@ -40,7 +40,7 @@ class PlumeFrame(NamedTuple):
 
 
 def at(x: float, y: float, z: float) -> np.ndarray:
-    """A transform that moves the origin to (x, y, z)."""
+    """Returns a transform that moves the origin to (x, y, z)."""
     matrix = np.eye(4)
     matrix[3, :3] = x, y, z
     return matrix
@@ -48,7 +48,7 @@ def at(x: float, y: float, z: float) -> np.ndarray:
 
 @cache
 def plume_frame(device: str) -> PlumeFrame:
-    """The last of `FRAMES` frames of a plume of `RESOLUTION` cells along a side; the same for any number of threads."""
+    """Simulates a plume of `RESOLUTION` cells along a side; returns its last frame, the same for any thread count."""
     from warp_smoke.simulation import Simulation
 
     domain = SmokeDomain(

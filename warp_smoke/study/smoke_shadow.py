@@ -61,7 +61,7 @@ PANEL_ERRORS = {GAUSSIAN: (MAIN_ERROR, "relative L2 error of the buffer")} | {
 
 
 def cases(full: bool) -> list[Case]:
-    """Closed forms and buffers on 16³ to 64³ cells (`full`: 128³), buffers of 24² to 96² texels (192²)."""
+    """Returns closed forms and buffers on 16³ to 64³ cells (`full`: 128³), buffers of 24² to 96² texels (192²)."""
     found = []
     for problem in KNOWN_SMOKE:
         for method in METHODS:
@@ -108,7 +108,7 @@ def _look_up(
     repeats: int,
     options: Mapping[str, float],
 ) -> tuple[object, np.ndarray, tuple[float, ...]]:
-    """The shadow, the share of light at each point, and the seconds of each repeat."""
+    """Returns the shadow, the share of light at each point, and the seconds of each repeat."""
     shadow = SMOKE_SHADOWS[light.smoke_shadow](launcher, lattice, light, ORIGIN, extinction, **options)
     smoke = launcher.array(density.astype(np.float32), "study")
     places = launcher.array(points.astype(np.float32), "study", dtype=wp.vec3)
@@ -152,7 +152,7 @@ def _measure_plume(
 def _spread(
     launcher: Launcher, u: np.ndarray, r: float, diffuser: str, sweeps: int | None, repeats: int
 ) -> tuple[np.ndarray, tuple[float, ...]]:
-    """A buffer [w, h] after diffusion, and the seconds of each repeat."""
+    """Returns a buffer [w, h] after diffusion, and the seconds of each repeat."""
     buffer = launcher.array(u[None].astype(np.float32), "study")
     diffusion = Diffusion(launcher, buffer.shape, r, diffuser, sweeps)
     seconds = time_repeats(launcher, lambda: diffusion.spread(buffer), repeats)

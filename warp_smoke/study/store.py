@@ -72,7 +72,7 @@ def read_results(file: Path) -> tuple[dict, list[Row]]:
 
 
 def csv_text(disclosure: dict, rows: list[Row]) -> str:
-    """The rows as a table of comma-separated values, with the disclosure on each."""
+    """Returns the rows as a table of comma-separated values, with the disclosure on each."""
     names = list(dict.fromkeys(name for row in rows for name in row.errors))
     stream = StringIO()
     table = csv.writer(stream, lineterminator="\n")

@@ -56,7 +56,7 @@ def never_worth(suite: Suite, rows: Sequence[Row]) -> list[str]:
 
 
 def order_lines(suite: Suite, rows: Sequence[Row]) -> list[str]:
-    """The fitted orders, a line for each problem."""
+    """Returns the fitted orders, a line for each problem."""
     lines: dict[str, list[str]] = {}
     for (problem, method), slope in suite.order([row for row in rows if row.failure is None]).items():
         lines.setdefault(problem, []).append(f"{method} {number(slope, '.2f')}")

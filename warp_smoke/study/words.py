@@ -8,7 +8,7 @@ from warp_smoke.study.case import Row
 
 
 def by_problem(rows: Iterable[Row]) -> dict[str, list[Row]]:
-    """The rows without failures, by problem."""
+    """Returns the rows without failures, by problem."""
     found: dict[str, list[Row]] = {}
     for row in rows:
         if row.failure is None:
@@ -17,7 +17,7 @@ def by_problem(rows: Iterable[Row]) -> dict[str, list[Row]]:
 
 
 def by_method(rows: Iterable[Row]) -> dict[str, list[Row]]:
-    """The rows by method."""
+    """Returns the rows by method."""
     found: dict[str, list[Row]] = {}
     for row in rows:
         found.setdefault(row.method, []).append(row)
@@ -44,7 +44,7 @@ def best_at(rows: Sequence[Row], error: str) -> tuple[float, str, dict[str, floa
 
 
 def _descending(points: Sequence[Row], error: str) -> list[tuple[float, float]]:
-    """Error and time of those points of a line that beat all faster points on it."""
+    """Returns the error and time of those points of a line that beat all faster points on it."""
     kept: list[tuple[float, float]] = []
     for row in sorted(points, key=lambda row: row.median):
         if not kept or row.errors[error] < kept[-1][0]:
