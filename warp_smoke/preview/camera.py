@@ -75,7 +75,7 @@ def framed_view(lower: np.ndarray, upper: np.ndarray, up: np.ndarray, aspect: fl
 
 
 def box_corners(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """The corners of a box, [8, 3]."""
+    """Returns the corners of a box, [8, 3]."""
     return np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1).T
 
 

@@ -8,7 +8,7 @@ from warp_smoke.shading.textures import Picture
 
 
 def plain_opacity(material: Material) -> float:
-    """The opacity of a material without its textures."""
+    """Returns the opacity of a material without its textures."""
     return float(_cut(np.float32(material.opacity), material.opacity_threshold))
 
 

@@ -168,7 +168,7 @@ def optical_depth(density: np.ndarray, depth_per_side: np.ndarray, direction: np
 
 
 def _shifted(plane: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """plane(x − shift), bilinear, zero outside; each |shift| ≤ 1."""
+    """Returns plane(x − shift), bilinear, zero outside; each |shift| ≤ 1."""
     for axis, distance in enumerate(shift):
         here, there = (slice(1, None), slice(None, -1)) if distance > 0 else (slice(None, -1), slice(1, None))
         weight = np.float32(abs(distance))

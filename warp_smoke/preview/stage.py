@@ -141,7 +141,7 @@ class PreviewStage:
         return Frame(number, (None,) * len(slices), pictures, colors, slices, quantity, off)
 
     def _load_picture(self, path: str, file: str) -> np.ndarray:
-        """[h, w, 3], or [h, w, 4] with opacity; the same array while the file is the same: VTK is not sent it again."""
+        """Reads a picture, [h, w, 3 or 4]; the same array while the file is the same: VTK is not sent it again."""
         if self._last_pictures.get(path, (None,))[0] != file:
             picture = Picture.read(file, "sRGB")
             colors = np.broadcast_to(picture.codes, (*picture.codes.shape[:2], 3))
