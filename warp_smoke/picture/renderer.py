@@ -149,7 +149,7 @@ class PictureRenderer:
 
 
 def _center(lattice: Lattice) -> np.ndarray:
-    """World position of a lattice's middle, [3]."""
+    """Returns the world position of a lattice's middle, [3]."""
     return transform_points(lattice.cells_to_world(), np.asarray(lattice.shape) / 2)
 
 
