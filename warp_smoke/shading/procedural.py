@@ -51,7 +51,7 @@ def _checker(procedural: Procedural, u: np.ndarray, v: np.ndarray):
 
 
 def _noise(procedural: Procedural, u: np.ndarray, v: np.ndarray):
-    """½ + ½ Σ 2⁻ᵏ noise(2ᵏ repeats · uv), within 0…1."""
+    """Returns ½ + ½ Σ 2⁻ᵏ noise(2ᵏ repeats · uv), within 0…1."""
     total = 0.0
     for octave in range(_OCTAVES):
         period = procedural.repeats * 2**octave
@@ -82,7 +82,7 @@ def gradient_noise(x: np.ndarray, y: np.ndarray, period: int) -> np.ndarray:
 
 
 def _directions(i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cosine and sine of a random angle for each pair of integers."""
+    """Returns the cosine and sine of a random angle for each pair of integers."""
     angle = _hash(i, j) * (2.0 * np.pi / 2**32)
     return np.cos(angle), np.sin(angle)
 

@@ -35,7 +35,7 @@ def srgb_levels() -> np.ndarray:
 
 
 def encode_srgb_codes(linear: np.ndarray) -> np.ndarray:
-    """The sRGB codes nearest to linear values, uint8; values outside [0, 1] are clipped."""
+    """Returns the sRGB codes nearest to linear values, uint8; values outside [0, 1] are clipped."""
     ends = decode_srgb((np.arange(255) + 0.5) / 255.0)
     return np.searchsorted(ends, linear, side="right").astype(np.uint8)
 

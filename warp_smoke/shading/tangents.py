@@ -36,7 +36,7 @@ def corner_tangents(points: np.ndarray, triangles: np.ndarray, normals: np.ndarr
 
 
 def _gradients(p: np.ndarray, t: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """dp/du of each triangle, of any length, [m, 3], and its handedness 1, −1 or 0, [m]."""
+    """Returns dp/du of each triangle, of any length, [m, 3], and its handedness 1, −1 or 0, [m]."""
     e1, e2 = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
     (u1, v1), (u2, v2) = (t[:, 1] - t[:, 0]).T, (t[:, 2] - t[:, 0]).T
     area = (u1 * v2 - u2 * v1)[:, None]
@@ -52,7 +52,7 @@ def _flattened(vectors: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 
 def _corner_angles(p: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Angle of each triangle at each corner, projected along the normal there, [m, 3] [rad]."""
+    """Returns the angle of each triangle at each corner, projected along the normal there, [m, 3] [rad]."""
     angles = np.empty(p.shape[:2])
     for corner in range(3):
         n = normals[:, corner]

@@ -70,7 +70,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _weights_at_centres(corners, area, triangle, texel, size: int) -> np.ndarray:
-    """Barycentric weights of the second and third corner at texel centres, [n, 2] float64."""
+    """Returns the barycentric weights of the second and third corner at texel centres, [n, 2] float64."""
     row, column = np.divmod(texel, size)
     a, b, c = corners.transpose(1, 0, 2)
     weights = np.empty((len(texel), 2))
@@ -82,20 +82,20 @@ def _weights_at_centres(corners, area, triangle, texel, size: int) -> np.ndarray
 
 
 def _expand(first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The integers first…last of each item, as (item, number) pairs."""
+    """Returns the integers first…last of each item, as (item, number) pairs."""
     counts = np.maximum(last - first + 1, 0)
     item = np.repeat(np.arange(len(first)), counts)
     return item, np.arange(len(item)) + np.repeat(first - (np.cumsum(counts) - counts), counts)
 
 
 def _fill(triangle, row, first, last, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Columns first…last of rows as (triangle, texel) pairs."""
+    """Returns columns first…last of rows as (triangle, texel) pairs."""
     item, column = _expand(np.maximum(first, 0), np.minimum(last, size - 1))
     return triangle[item], row[item] * size + column
 
 
 def _rows_of_centres(corners: np.ndarray, size: int):
-    """Triangle, row, first and last column of the texels whose centres lie in each triangle.
+    """Returns the triangle, row, first and last column of the texels whose centres lie in each triangle.
 
     A centre on an edge counts as moved by (−ε, +ε²), so that exactly one of the triangles around it contains it.
     """
@@ -119,7 +119,7 @@ def _rows_of_centres(corners: np.ndarray, size: int):
 
 
 def _rows_of_squares(corners: np.ndarray, size: int):
-    """Triangle, row, first and last column of the texels whose squares share area with each triangle."""
+    """Returns the triangle, row, first and last column of the texels whose squares share area with each triangle."""
     y = corners[..., 1]
     top, bottom = y.min(axis=1) // _STEPS, -(-y.max(axis=1) // _STEPS) - 1
     triangle, row = _expand(np.maximum(top, 0), np.minimum(bottom, size - 1))
@@ -144,7 +144,7 @@ def _rows_of_squares(corners: np.ndarray, size: int):
 
 
 def _nearest_triangles(corners: np.ndarray, shown: np.ndarray, size: int):
-    """Texels not shown yet whose squares overlap triangles, and for each the nearest triangle and the weights there."""
+    """Returns texels not shown yet whose squares overlap triangles, each with its nearest triangle and weights there."""
     triangle, texel = _fill(*_rows_of_squares(corners, size), size)
     at_border = shown[texel] < 0
     triangle, texel = triangle[at_border], texel[at_border]
