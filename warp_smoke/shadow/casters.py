@@ -104,7 +104,7 @@ class Casters:
         return casting_boxes(self.triangles, self._patches, receivers, light, slack)
 
     def _corners(self, index: int, time: float) -> np.ndarray:
-        """Corners of a surface's triangles in set space, [m, 3, 3] float32, front faces counter-clockwise."""
+        """Returns a surface's triangle corners in set space, [m, 3, 3] float32, front faces counter-clockwise."""
         surface = self._surfaces[index]
         if index in self._still:
             return self._still[index]
@@ -121,7 +121,7 @@ class Casters:
         return corners
 
     def _boxes(self, triangles: np.ndarray) -> np.ndarray:
-        """Three points per triangle that span its bounding box plus a margin, [3 m, 3] float32."""
+        """Returns three points per triangle that span its bounding box plus a margin, [3 m, 3] float32."""
         margin = np.float32(_BOX_MARGIN * self.extent)
         lower, upper = triangles.min(axis=1) - margin, triangles.max(axis=1) + margin
         return np.stack([lower, upper, lower], axis=1).reshape(-1, 3)

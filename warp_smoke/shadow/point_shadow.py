@@ -91,7 +91,7 @@ class PointMapShadow(MapShadow):
         self._depths.trace(self._casters, self._rays, covered, planes, round_off(1.0))
 
     def _reach(self, boxes: np.ndarray, position: np.ndarray) -> np.ndarray:
-        """How far beside boxes the filter looks, at most, laid on the boxes at their farthest, [n]."""
+        """Returns how far from boxes the filter looks, at most, measured at each box's farthest corner, [n]."""
         light, far = self._light, float(self.map.far)
         farthest = np.linalg.norm(coverage.box_corners(boxes) - position, axis=2).max(axis=1)
         texels = farthest * 2.0 * self.slope / light.shadow_map_size
