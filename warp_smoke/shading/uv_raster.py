@@ -144,7 +144,7 @@ def _rows_of_squares(corners: np.ndarray, size: int):
 
 
 def _nearest_triangles(corners: np.ndarray, shown: np.ndarray, size: int):
-    """Returns texels not shown yet whose squares overlap triangles, each with its nearest triangle and weights there."""
+    """Returns texels not shown yet whose squares overlap triangles, with the nearest triangle and the weights there."""
     triangle, texel = _fill(*_rows_of_squares(corners, size), size)
     at_border = shown[texel] < 0
     triangle, texel = triangle[at_border], texel[at_border]
