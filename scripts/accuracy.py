@@ -2,8 +2,8 @@
 
     python scripts/accuracy.py [--full]
 
-All suites on known answers, and the stages plume.usda and room.usda; nothing else should run on the machine. It goes on
-where it was interrupted; results of an earlier version in out/accuracy have to be removed first.
+It runs all suites on known answers, and the stages plume.usda and room.usda; nothing else should run on the machine. It
+resumes where it was interrupted; results of an earlier version in out/accuracy must be removed first.
 """
 
 import shutil
@@ -29,13 +29,13 @@ STAGES = ("plume", "room")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> list[str]:
-    """A Markdown table whose columns are set flush right but for the first, which hold words."""
+    """Returns a Markdown table whose first `words` columns are aligned left and the others right."""
     lines = [f"| {' | '.join(head)} |", f"|{'---|' * words}{'---:|' * (len(head) - words)}"]
     return [*lines, *(f"| {' | '.join(row)} |" for row in rows), ""]
 
 
 def fronts(suite: Suite, rows: Sequence[Row]) -> list[str]:
-    """What to take for which error: the Pareto front of each panel."""
+    """Returns a table of the settings to use for each error: the Pareto front of each panel."""
     lines = []
     for problem, found in by_problem(rows).items():
         error, _ = panel_error(suite, problem)
@@ -48,7 +48,7 @@ def fronts(suite: Suite, rows: Sequence[Row]) -> list[str]:
 
 
 def section(suite: Suite, rows: Sequence[Row], diagram: str) -> list[str]:
-    """A suite: what it says, its diagram, its orders, and what to take."""
+    """Returns a suite's section: its text, its diagram, its fitted orders, and the settings to use."""
     valid = [row for row in rows if row.failure is None]
     drawn = [row for row in valid if row.problem not in getattr(suite, "TABLES", ())]
     lines = [f"## {suite.TITLE}", "", suite.explain(valid), "", f"![Error against time](accuracy/{diagram}.png)", ""]
@@ -64,7 +64,7 @@ def section(suite: Suite, rows: Sequence[Row], diagram: str) -> list[str]:
 
 
 def stage_tables(result: Study) -> list[str]:
-    """What each effect of a stage costs, and where the time of a frame goes."""
+    """Returns tables of what each effect of a stage costs, and of where the time of a frame goes."""
     rows = [row for row in result.rows if row.problem == EFFECTS]
     names = list(dict.fromkeys(name for row in rows for name in row.errors))
     lines = []
@@ -84,7 +84,7 @@ def stage_tables(result: Study) -> list[str]:
 
 
 def page(known: Study, stages: dict[str, tuple[SceneStudy, Study]], full: bool) -> str:
-    """The whole page."""
+    """Returns the page's text."""
     facts = known.disclosure
     suites = {name: load_suite(name) for name in SUITES}
     load = "" if facts["load before"] is None else f", after a minute with a load average of {facts['load before']}"

@@ -16,7 +16,7 @@ FRAMES = 60
 
 
 def densities(wide: bool, active_box: bool) -> tuple[list[np.ndarray], float]:
-    """Density at each frame on one thread, and the CPU time [s]; `wide` doubles the box at as many cells."""
+    """Returns density at each frame and the CPU time [s] on one thread; `wide` doubles the box, with as many cells."""
     scene = ws.Scene.open(ROOT / "stages/plume.usda")
     domain = replace(scene.domains[0], active_box=active_box)
     if wide:
@@ -31,7 +31,7 @@ def densities(wide: bool, active_box: bool) -> tuple[list[np.ndarray], float]:
 
 
 def main() -> None:
-    """Runs both boxes with and without, and writes the page."""
+    """Runs both domains with and without the active box, and writes the page."""
     lines = [
         "# What the active box changes",
         "",

@@ -2,10 +2,10 @@
 
     python scripts/benchmark.py [--quick] [docs/benchmark.json]
 
-The smoke is a plume in a closed box, some frames old, with vorticity confinement; with a collider, a sphere stands
-in its way. Each figure is the median over steps, next to the bandwidth that copying memory reaches in the same run:
-what a pass reads and writes at least, at that bandwidth, is the least time that it can take. What launching its kernels
-costs is measured too, and what the samples cost that it takes between the cells, from fields in the cache.
+The smoke is a plume in a closed box after some frames, with vorticity confinement; the collider is a sphere in its
+path. Each figure is the median over steps, next to the bandwidth of copying memory in the same run: the least that a
+pass must read and write, at that bandwidth, gives the least time that it can take. The cost of launching its kernels is
+measured too, and that of the samples it takes between cells, from fields in the cache.
 """
 
 import json
@@ -31,7 +31,7 @@ from warp_smoke.study.disclosure import copy_bandwidth, processor
 
 STEPS, WARM_UP = 15, 8
 
-# Fields of the lattice that a pass reads and writes, each once: what it cannot do without.
+# Fields of the lattice that a pass must read and write, each once.
 LEAST_FIELDS = {
     "project_pressure": 8,  # velocity and the pressure, read and written
     "advect_velocity": 12,  # velocity read and written; displacements back and ahead written
@@ -42,14 +42,14 @@ LEAST_FIELDS = {
     "fit_active_box": 2,  # density and temperature read
     "add_buoyancy": 3,  # temperature read, one component of the velocity read and written
 }
-# Trilinear samples of eight neighbours that kernels take for each of their cells.
+# Trilinear samples of eight neighbours that kernels take in each of their cells.
 SAMPLES = {"trace_both_ways_by_midpoint": 3, "_guess": 1, "corrected_clamped": 1, "corrected_reverted": 1}
-# Which cells are fluid, and the open shares of the faces, beside a collider.
+# With a collider also the fluid cells, and the open shares of the faces.
 LEAST_FIELDS_OF_SOLIDS = {"project_pressure": 4, "advect_velocity": 4}
 
 
 def benchmark_scene(resolution: int, collider: bool) -> ws.Scene:
-    """A plume in a closed box of side 2."""
+    """Makes a scene with a plume in a closed box of side 2."""
     up = np.eye(4)
     up[3, 1] = 1.0
     low, middle = up.copy(), up.copy()
@@ -68,7 +68,7 @@ def benchmark_scene(resolution: int, collider: bool) -> ws.Scene:
 
 
 def time_passes(resolution: int, threads: int, collider: bool) -> dict[str, dict[str, float]]:
-    """Median ns per cell and step of each pass and of the whole step; launches a step; samples per cell and step."""
+    """Measures median ns per cell and step for passes and steps, launches per step, and samples per cell and step."""
     simulation = ws.Simulation(benchmark_scene(resolution, collider), threads=threads)
     solver, seconds = simulation.solver(), simulation.timings.seconds
     for _ in range(WARM_UP):
@@ -91,7 +91,7 @@ def time_passes(resolution: int, threads: int, collider: bool) -> dict[str, dict
 
 
 def count_work(simulation: ws.Simulation) -> tuple[Counter, Counter]:
-    """Counts from now on, by pass, the kernels that are launched and the samples that they take."""
+    """Starts counting, by pass, the kernels that are launched and the samples that they take."""
     launches, samples, passes = Counter(), Counter(), []
     measure, launch, launched = simulation.timings.measure, simulation.launcher.launch, simulation.launcher.launches
 
@@ -114,7 +114,7 @@ def count_work(simulation: ws.Simulation) -> tuple[Counter, Counter]:
 
 
 def sample_cost() -> float:
-    """Time that finding the end of a trace and sampling a field there takes on one thread, all in the cache [ns]."""
+    """Measures the time to find the end of a trace and sample a field there, on one thread, all in the cache [ns]."""
     launcher, shape, count = Launcher("cpu", 1), (16, 16, 128), 200
     advection, random = SemiLagrangian(launcher, shape, ("closed",) * 6), np.random.default_rng(1)
     velocity = [
@@ -132,7 +132,7 @@ def sample_cost() -> float:
 
 
 def launch_cost() -> float:
-    """Time that launching a kernel over next to nothing takes on one thread, by alternate arguments [µs]."""
+    """Measures the time to launch a kernel over 8 cells on one thread, with alternating arguments [µs]."""
     launcher, count = Launcher("cpu", 1), 1000
     fields = [launcher.zeros((2, 2, 2), "benchmark") for _ in range(2)]
     for field in fields:
@@ -144,7 +144,7 @@ def launch_cost() -> float:
 
 
 def limits(row: dict, facts: dict) -> list[str]:
-    """How far each pass of a case is from what limits it, as rows of a Markdown table."""
+    """Returns how far each pass of a case is from its limits, as rows of a Markdown table."""
     lines = []
     for name, least in LEAST_FIELDS.items():
         fields = least + LEAST_FIELDS_OF_SOLIDS.get(name, 0) * row["collider"]
@@ -159,7 +159,7 @@ def limits(row: dict, facts: dict) -> list[str]:
 
 
 def page(facts: dict) -> str:
-    """The figures as Markdown."""
+    """Returns the figures as Markdown."""
     rows = facts["rows"]
     heads = []
     for row in rows:

@@ -2,8 +2,8 @@
 
     python scripts/benchmark_pictures.py [REPEATS]
 
-The command is timed as a whole process, as one waits for it; what it does with that time is timed in processes of
-their own that do the same step by step. Kernels have been compiled before. Figures are medians.
+The command is timed as a complete process, as a user waits for it; its steps are timed in separate processes that do
+the same step by step. Kernels have been compiled before. Figures are medians.
 """
 
 import json
@@ -48,7 +48,7 @@ NAMES = ("loading Python's modules, Warp and USD", "reading the stage", "texture
 
 
 def time_command(samples: int, folder: str) -> float:
-    """Seconds of the whole command."""
+    """Measures the time of the complete command [s]."""
     file = Path(folder) / "picture.png"
     options = ["--size", "x".join(map(str, SIZE)), "--samples", str(samples), "-o", file]
     start = perf_counter()
@@ -58,13 +58,13 @@ def time_command(samples: int, folder: str) -> float:
 
 
 def time_steps(samples: int) -> list[float]:
-    """Seconds of each of `NAMES`."""
+    """Measures the time of each step in `NAMES` [s]."""
     command = [sys.executable, "-c", STEPS, STAGE, str(samples)]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
 def page(repeats: int) -> str:
-    """Measures, and says what was found, as Markdown."""
+    """Measures, and returns the results as Markdown."""
     rows = {name: [] for name in ("the whole command", *NAMES)}
     with tempfile.TemporaryDirectory() as folder:
         time_command(1, folder)

@@ -2,8 +2,8 @@
 
     python scripts/benchmark_preview.py [REPEATS]
 
-The stage is stages/plume.usda with 64 cells a side: a frame of its plume, and its domain full of smoke, which is as
-dear to draw as any. Figures are medians.
+The stage is stages/plume.usda with 64 cells a side: a frame of its plume, and its domain full of smoke, which is the
+most expensive to draw. Figures are medians.
 """
 
 import os
@@ -29,7 +29,7 @@ SIZE, REPEATS = (640, 480), 25
 
 
 def milliseconds(work: Callable[[], object], repeats: int) -> str:
-    """Median time that some work takes."""
+    """Measures the median time of some work [ms]."""
     times = []
     for _ in range(repeats):
         began = perf_counter()
@@ -39,7 +39,7 @@ def milliseconds(work: Callable[[], object], repeats: int) -> str:
 
 
 def page(repeats: int) -> str:
-    """Measures, and says what was found, as Markdown."""
+    """Measures, and returns the results as Markdown."""
     scene = ws.Scene.open(STAGE)
     scene = replace(scene, domains=[replace(domain, resolution=CELLS) for domain in scene.domains])
     simulation = ws.Simulation(scene)

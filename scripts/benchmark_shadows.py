@@ -1,8 +1,8 @@
-"""Times surface shadows: rays against Embree, the whole cube-map pass, filters, and a baked floor with two lights.
+"""Times surface shadows: rays against Embree, the entire cube-map pass, filters, and a baked floor with two lights.
 
-Usage: python scripts/benchmark_shadows.py [--threads N] [--size N] [--json FILE]; Embree's part needs `pip install
-embreex`. Embree runs on one thread, so the default is one thread for both. Times are the best of several runs. The
-tables go into docs/shadows.md and docs/shadows.json.
+Usage: python scripts/benchmark_shadows.py [--threads N] [--size N] [--json FILE]; the comparison with Embree needs
+`pip install embreex`. Embree runs on one thread, so the default is one thread for both. Times are the best of several
+runs. The results go into docs/shadows.md and docs/shadows.json.
 """
 
 import argparse
@@ -42,7 +42,7 @@ def _trace_all(
 
 
 def best_of(*runs: Callable[[], object], repeats: int = REPEATS) -> list[float]:
-    """Least time of each of several things, in turns, so that all see the same load; the first turn is not counted."""
+    """Measures the least time of each run, in turns, so that all see the same load; the first turn is not counted."""
     times = [[] for _ in runs]
     for _ in range(repeats + 1):
         for run, taken in zip(runs, times, strict=True):
@@ -53,7 +53,7 @@ def best_of(*runs: Callable[[], object], repeats: int = REPEATS) -> list[float]:
 
 
 def scenes() -> dict[str, ws.Scene]:
-    """The example room, and the bunny above a floor, each with one point light."""
+    """Returns the example room, and the bunny above a floor with one point light."""
     animal = ws.Surface(path="/Bunny", mesh=bunny())
     floor = ws.Surface(path="/Floor", mesh=ws.Mesh.grid((-4, 0, 4), (8, 0, 0), (0, 0, -8)), receiver=_receiver())
     lamp = ws.PointLight(path="/Lamp", transform=_at(1.5, 3.0, 1.2), radius=0.05)
@@ -74,7 +74,7 @@ def _at(x: float, y: float, z: float) -> np.ndarray:
 
 
 def _shining(*direction: float) -> np.ndarray:
-    """A transform whose −Z axis points along a direction."""
+    """Returns a transform whose −Z axis points along a direction."""
     matrix = np.eye(4)
     matrix[:3, :3] = frame_along(np.array(direction) / np.linalg.norm(direction)) * [[1.0], [-1.0], [-1.0]]
     return matrix
@@ -90,7 +90,7 @@ def _receivers(scene: ws.Scene) -> np.ndarray:
 
 
 def cube_directions(size: int) -> np.ndarray:
-    """Unit directions through all texels of a cube map, tile by tile, [n, 3] float32."""
+    """Returns unit directions through all texels of a cube map, tile by tile, [n, 3] float32."""
     steps = (np.arange(size) + 0.5) / size * 2 - 1
     t, s = (a.reshape(size // TILE, TILE, size // TILE, TILE).swapaxes(1, 2) for a in np.meshgrid(steps, steps)[::-1])
     local = np.stack([s.ravel(), t.ravel(), np.ones(size * size)], axis=1)
@@ -99,7 +99,7 @@ def cube_directions(size: int) -> np.ndarray:
 
 
 def compare_with_embree(launcher: Launcher, scene: ws.Scene, size: int) -> dict[str, float]:
-    """All texels of a cube map by Warp's hierarchy, as maps are traced, and by Embree; then the map as it is needed."""
+    """Times all texels of a cube map by Warp's hierarchy, by the map's tiles and by Embree, then the required map."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
@@ -144,9 +144,9 @@ def compare_with_embree(launcher: Launcher, scene: ws.Scene, size: int) -> dict[
 
 
 def measure_filters(launcher: Launcher, scene: ws.Scene, texels: int = 512) -> list[dict[str, float | str]]:
-    """Time and error of each filter on the scene's floor; errors against the sharp and the soft truth.
+    """Measures time and error of each filter on the scene's floor, against a sharp and a soft reference.
 
-    The sharp truth is the mean of 4 × 4 exact rays in each texel of the floor, the soft one the light's area.
+    The sharp reference is the mean of 4 × 4 exact rays in each texel of the floor, the soft one the light's area.
     """
     bounds = _receivers(scene)
     lower, upper = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
@@ -190,7 +190,7 @@ def measure_filters(launcher: Launcher, scene: ws.Scene, texels: int = 512) -> l
 
 
 def bake_floor(threads: int | None, name: str) -> float:
-    """A 1024² floor under the bunny and two lights, from shadows to pixels, first frame with kernels loaded [s]."""
+    """Times a 1024² floor under the bunny and two lights, from shadows to pixels: first frame, kernels loaded [s]."""
     scene = scenes()["bunny"]
     lights = [
         replace(scene.lights[0], shadow_filter=name),
@@ -207,7 +207,7 @@ def bake_floor(threads: int | None, name: str) -> float:
 
 
 def compare_hierarchies(launcher: Launcher, scene: ws.Scene, size: int) -> dict[str, float]:
-    """All texels of a cube map by each constructor of Warp's hierarchy, and numbers of triangles in a leaf [ms]."""
+    """Times all texels of a cube map for each constructor and leaf size of Warp's bounding volume hierarchy [ms]."""
     casters = Casters(launcher, scene.surfaces, np.zeros(3))
     casters.update(scene.start)
     rays = wp.array(cube_directions(size), dtype=wp.vec3)
@@ -228,10 +228,10 @@ def compare_hierarchies(launcher: Launcher, scene: ws.Scene, size: int) -> dict[
 
 
 def measure_bias(launcher: Launcher) -> list[dict[str, float]]:
-    """Hard shadows of the bunny above a floor with the default bias, where the light's middle or area leaves no doubt.
+    """Measures errors of hard shadows with the default bias, for the bunny above a floor.
 
-    Acne: the share of the bunny's points that a ray to the light's middle reaches, and that are dark. Leak: the share
-    of the floor's points that no ray to any of the light reaches, and that are lit.
+    Acne: share of the bunny's points visible from the light's centre that are dark. Leak: share of the floor's points
+    hidden from all of the light that are lit.
     """
     scene = scenes()["bunny"]
     bunny, floor = scene.surfaces

@@ -3,9 +3,9 @@
     python scripts/benchmark_vdb.py [PAIRS]
 
 Both start from the same dense array in memory and end with a closed file of 16-bit floats: ours deflated where that
-pays, OpenVDB's with its default, blosc. OpenVDB is Debian's python3-openvdb (`/usr/bin/python3`); it builds its tree
-from the array, which is told apart. The fields: the last frame of stages/plume.usda at 128 cells a side, its velocity,
-and dense smoke with noise on it. OpenVDB has to read each field back from our file in half precision, bit by bit.
+pays, OpenVDB's with its default, blosc. OpenVDB is Debian's python3-openvdb (`/usr/bin/python3`); building its tree
+from the array is timed separately. The fields: the last frame of stages/plume.usda at 128 cells a side, its velocity,
+and dense smoke with noise added. OpenVDB must read each field back from our file bit by bit, in half precision.
 """
 
 import os
@@ -27,8 +27,8 @@ ROOT = Path(__file__).parents[1]
 SIZE, FRAMES, PAIRS = 128, 48, 15
 THREADS = (1, 2)
 
-# Answers each line "array file" on its input with times of building and writing [s] and the file's size, and "check
-# array file" with whether the file holds the array's active values.
+# For each input line "array file" it prints the times of building and writing [s], its CPU time [s] and the file's
+# size; for "check array file", whether the file holds the array's active values.
 OPENVDB = """
 import os, sys, time
 import numpy as np
@@ -56,7 +56,7 @@ for line in sys.stdin:
 
 
 def fields() -> dict[str, np.ndarray]:
-    """Arrays [128, 128, 128] and [128, 128, 128, 3], float32, by name."""
+    """Makes arrays [128, 128, 128] and [128, 128, 128, 3], float32, by name."""
     scene = ws.Scene.open(ROOT / "stages/plume.usda")
     domains = [replace(domain, resolution=SIZE) for domain in scene.domains]
     simulation = ws.Simulation(replace(scene, domains=domains, surfaces=[], lights=[]))
@@ -72,10 +72,10 @@ def fields() -> dict[str, np.ndarray]:
 
 
 class OpenVdb:
-    """Debian's OpenVDB in a process of its own.
+    """Debian's OpenVDB in a separate process.
 
     Attributes:
-        version: of the library.
+        version: version of the library.
     """
 
     def __init__(self):
@@ -84,13 +84,13 @@ class OpenVdb:
         self.version = self._process.stdout.readline().strip()
 
     def ask(self, *words: object) -> list[float]:
-        """Numbers that answer a line."""
+        """Sends a line and returns the numbers in the answer."""
         print(*words, file=self._process.stdin, flush=True)
         return [float(word) for word in self._process.stdout.readline().split()]
 
 
 def compare(openvdb: OpenVdb, values: np.ndarray, folder: Path, pairs: int) -> dict[str, str]:
-    """A row of the table: medians of times [ms] and of the ratios of pairs, and sizes [KiB]."""
+    """Returns a row of the table: medians of times [ms] and of the ratios of pairs, and sizes [KiB]."""
     source, ours, theirs = folder / "field.npy", folder / "ours.vdb", folder / "theirs.vdb"
     np.save(source, values)
     times = {threads: np.zeros((pairs, 2)) for threads in THREADS}

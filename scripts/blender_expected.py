@@ -1,9 +1,9 @@
-"""Writes down what a program that imports the results of a run should find, as usd-core and our own reader see it.
+"""Records what a program that imports the results of a run should find, as read by usd-core and our own VDB reader.
 
     python scripts/blender_expected.py STAGE NAME
 
-`NAME.json` has frames, grids, lights, camera and the baked floor; `NAME.npz` the smoke of the last frame and the
-floor's pictures. Positions are in the stage's world, Y up. `STAGE_dcc.usda` beside the stage shows the user's own look.
+`NAME.json` has frames, grids, lights, camera and the baked floor; `NAME.npz` has the smoke of the last frame and the
+floor's pictures. Positions are in the stage's world, Y up. `STAGE_dcc.usda`, next to the stage, selects the `dcc` look.
 """
 
 import json
@@ -18,7 +18,7 @@ from warp_smoke.vdb import read_vdb
 
 
 def main(path: str, name: str) -> None:
-    """Writes both files, and the stage in its other look."""
+    """Writes both files, and the stage in its `dcc` look."""
     stage = Usd.Stage.Open(path)
     last = stage.GetEndTimeCode()
     prims = list(stage.Traverse())
@@ -34,7 +34,7 @@ def main(path: str, name: str) -> None:
     }
     (grid,) = (grid for grid in read_vdb(file_at(stage, volume, "density", last)).values() if grid.name == "density")
     size = np.broadcast_to(grid.voxel_size, 3)
-    place = np.diag([*size, 1.0])  # of a voxel's index, whole numbers at centres
+    place = np.diag([*size, 1.0])  # from voxel indices, whole numbers at centres
     place[3, :3] = grid.translation + size * grid.origin
     arrays = {"density": grid.values, "density_to_world": place @ to_world(volume.GetPrim())}
     for bake in ("lit", "smokeShadow"):
@@ -51,12 +51,12 @@ def main(path: str, name: str) -> None:
 
 
 def to_world(prim: Usd.Prim) -> np.ndarray:
-    """Of row vectors, [4, 4]."""
+    """Returns a prim's local-to-world matrix for row vectors, [4, 4]."""
     return np.array(UsdGeom.XformCache().GetLocalToWorldTransform(prim))
 
 
 def describe_volume(volume: UsdVol.Volume) -> dict:
-    """Name, and the file of each frame by field."""
+    """Returns name, and the file of each frame by field."""
     files = {}
     for name, path in volume.GetFieldPaths().items():
         attribute = UsdVol.OpenVDBAsset.Get(volume.GetPrim().GetStage(), path).GetFilePathAttr()
@@ -65,13 +65,13 @@ def describe_volume(volume: UsdVol.Volume) -> dict:
 
 
 def file_at(stage: Usd.Stage, volume: UsdVol.Volume, field: str, time: float) -> str:
-    """The file that a field reads at a time."""
+    """Returns the file that a field reads at a time."""
     asset = UsdVol.OpenVDBAsset.Get(stage, volume.GetFieldPath(field))
     return asset.GetFilePathAttr().Get(time).resolvedPath
 
 
 def describe_light(prim: Usd.Prim) -> dict:
-    """Name, kind, intensity, colour, where it is and where it shines."""
+    """Returns name, type, intensity, colour, position and direction."""
     light, place = UsdLux.LightAPI(prim), to_world(prim)
     return {
         "name": prim.GetName(),
@@ -84,7 +84,7 @@ def describe_light(prim: Usd.Prim) -> dict:
 
 
 def describe_camera(prim: Usd.Prim) -> dict:
-    """Place and width of view."""
+    """Returns position, direction and horizontal angle of view."""
     camera, place = UsdGeom.Camera(prim).GetCamera(Usd.TimeCode.Default()), to_world(prim)
     return {
         "position": place[3, :3].tolist(),
@@ -94,7 +94,7 @@ def describe_camera(prim: Usd.Prim) -> dict:
 
 
 def describe_receiver(prim: Usd.Prim) -> dict:
-    """Points, texture coordinates of corners, the picture of its look without a time, and its material."""
+    """Returns points, texture coordinates of corners, the picture at the default time, and the material."""
     mesh = UsdGeom.Mesh(prim)
     material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
     name = next(name for name in ("st_bake", "st") if UsdGeom.PrimvarsAPI(prim).HasPrimvar(name))

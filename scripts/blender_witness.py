@@ -1,9 +1,9 @@
-"""Imports the results of a run with Blender, checks what it makes of them, renders them, and fills in docs/dcc.md.
+"""Imports the results of a run into Blender, checks what arrived, renders it, and fills in docs/dcc.md.
 
     python scripts/blender_witness.py STAGE NAME
 
-Needs `bpy`; `scripts/blender_check` makes an environment that has it. `NAME.json` and `NAME.npz` say what should be
-found (`blender_expected.py`).
+Needs `bpy`; `scripts/blender_check` makes an environment that has it. `NAME.json` and `NAME.npz` hold the expected
+results (from `blender_expected.py`).
 """
 
 import json
@@ -22,18 +22,18 @@ RAYS = 8  # along each side of a pixel, to average the floor's pictures over it
 # Blender has Z up: it turns (x, y, z) into (x, -z, y).
 TO_BLENDER = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], float)
 GRID_TYPES = {"density": "FLOAT", "temperature": "FLOAT", "vel": "VECTOR_FLOAT"}
-# What its importer makes of UsdLux: watts of a point light with `normalize`, and strength of the sun.
+# What Blender's importer makes of UsdLux: type, and watts of a point light with `normalize` or strength of a sun.
 ENERGIES = {"SphereLight": ("POINT", math.pi), "DistantLight": ("SUN", 4.0)}
 CORRELATION = 0.9
 DARKER = 0.9
 
 
 class Witness:
-    """What was asked, and what was seen.
+    """The questions asked and the answers seen.
 
     Attributes:
-        rows: one for each question.
-        failures: of those that were not as expected.
+        rows: question and answer.
+        failures: questions whose answer was not as expected.
     """
 
     def __init__(self):
@@ -41,7 +41,7 @@ class Witness:
         self.failures: list[str] = []
 
     def see(self, question: str, seen: str, as_expected: bool) -> None:
-        """Notes an answer."""
+        """Records an answer."""
         print(f"{'ok  ' if as_expected else 'FAIL'} {question}: {seen}")
         self.rows.append((question, seen))
         if not as_expected:
@@ -49,7 +49,7 @@ class Witness:
 
 
 def open_stage(path: Path) -> None:
-    """Imports a stage into an empty scene and sets up a small render; smoke is invisible without a world."""
+    """Imports a stage into an empty scene and sets up a small render, with a world, else smoke is invisible."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.wm.usd_import(filepath=str(path))
     scene = bpy.context.scene
@@ -57,14 +57,14 @@ def open_stage(path: Path) -> None:
     scene.camera = next(each for each in scene.objects if each.type == "CAMERA")
     scene.render.engine, scene.cycles.device = "CYCLES", "CPU"
     scene.cycles.samples, scene.cycles.use_denoising = SAMPLES, False
-    scene.cycles.pixel_filter_type = "BOX"  # each pixel its own part of the picture, to compare with
+    scene.cycles.pixel_filter_type = "BOX"  # each pixel covers only its own area, for comparison
     scene.render.resolution_x = scene.render.resolution_y = SIZE
     scene.view_settings.view_transform = "Standard"
     scene.frame_set(scene.frame_end)
 
 
 def check_volume(witness: Witness, expected: dict) -> None:
-    """A sequence with the frames, files and grids of the stage."""
+    """Checks that the volume is a sequence with the frames, files and grids of the stage."""
     scene, (volume,) = bpy.context.scene, bpy.data.volumes
     first, last = expected["frames"]
     files = expected["volume"]["files"]
@@ -85,7 +85,7 @@ def check_volume(witness: Witness, expected: dict) -> None:
 
 
 def check_lights(witness: Witness, expected: dict) -> None:
-    """Kind, place or direction, colour and energy of each light that Blender imports."""
+    """Checks type, position or direction, colour and energy of each light that Blender imports."""
     for light in expected["lights"]:
         if light["type"] not in ENERGIES:
             found = light["name"] in bpy.data.lights or bpy.data.worlds.get(light["name"]) is not None
@@ -112,7 +112,7 @@ def check_lights(witness: Witness, expected: dict) -> None:
 
 
 def check_camera(witness: Witness, expected: dict) -> None:
-    """Place, direction and angle of view."""
+    """Checks position, direction and angle of view."""
     camera = bpy.context.scene.camera
     there = np.array(camera.matrix_world.translation)
     along = np.array(camera.matrix_world.to_quaternion() @ Vector((0, 0, -1)))
@@ -125,7 +125,7 @@ def check_camera(witness: Witness, expected: dict) -> None:
 
 
 def check_texture(witness: Witness, expected: dict) -> None:
-    """The baked picture is on the receiver, over its texture coordinates, and shines."""
+    """Checks that the baked picture is on the receiver, over its texture coordinates, as emission."""
     receiver = bpy.data.objects[expected["receiver"]["name"]]
     material = receiver.data.materials[0]
     picture = next(node for node in material.node_tree.nodes if node.type == "TEX_IMAGE")
@@ -141,7 +141,7 @@ def check_texture(witness: Witness, expected: dict) -> None:
 
 
 def render(path: Path) -> np.ndarray:
-    """Renders to a PNG file; linear RGB [row, column, 3] of it, from the top."""
+    """Renders to a PNG file; returns its linear RGB [row, column, 3], from the top."""
     bpy.context.scene.render.filepath = str(path)
     bpy.ops.render.render(write_still=True)
     picture = bpy.data.images.load(str(path))
@@ -152,12 +152,12 @@ def render(path: Path) -> np.ndarray:
 
 
 def to_linear(codes: np.ndarray) -> np.ndarray:
-    """Linear light of sRGB values in [0, 1]."""
+    """Decodes sRGB values in [0, 1] to linear light."""
     return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
 
 
 def camera_rays(per_side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Origin [3] and directions [row, column, 3] of rays through evenly spread points of the picture."""
+    """Returns origin [3] and directions [row, column, 3] of rays through evenly spaced points of the picture."""
     scene = bpy.context.scene
     camera = scene.camera
     corners = np.array(camera.data.view_frame(scene=scene))
@@ -171,7 +171,7 @@ def camera_rays(per_side: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def seen_at(receiver: str) -> tuple[np.ndarray, np.ndarray]:
-    """Which pixels show nothing but the receiver, and which nothing at all: rays through their corners and centres."""
+    """Finds pixels that show only the receiver, and pixels that show nothing, by 2 × 2 rays through each."""
     scene = bpy.context.scene
     graph = bpy.context.evaluated_depsgraph_get()
     origin, directions = camera_rays(2)
@@ -185,7 +185,7 @@ def seen_at(receiver: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def picture_in_view(picture: np.ndarray, receiver: dict) -> np.ndarray:
-    """The mean of a picture [h, w, …] of a flat receiver over each pixel of the view; black past the picture's ends."""
+    """Averages a picture [h, w, …] of a flat receiver over each pixel of the view; black beyond the picture's edges."""
     origin, directions = camera_rays(RAYS)
     points = np.array(receiver["points"]) @ TO_BLENDER
     height = points[0, 2]
@@ -202,7 +202,7 @@ def picture_in_view(picture: np.ndarray, receiver: dict) -> np.ndarray:
 
 
 def smoke_in_view(density: np.ndarray, to_world: np.ndarray) -> np.ndarray:
-    """Density along the ray of each pixel [m at density 1], by steps of half a voxel."""
+    """Integrates density along the ray of each pixel [m at density 1], in steps of half a voxel."""
     origin, directions = camera_rays(1)
     to_blender = to_world.copy()
     to_blender[:, :3] = to_world[:, :3] @ TO_BLENDER
@@ -234,7 +234,7 @@ def with_and_without_smoke(path: Path, folder: Path) -> tuple[np.ndarray, np.nda
 
 
 def check_pictures(witness: Witness, stage: Path, expected: dict, arrays: dict) -> None:
-    """The smoke, its shadow and the texture are in the picture."""
+    """Checks that the smoke, its shadow and the texture are in the picture."""
     baked, bare = with_and_without_smoke(stage, stage.parent)
     floor, empty = seen_at(expected["receiver"]["name"])
     smoke = smoke_in_view(arrays["density"].astype(float), arrays["density_to_world"])
@@ -285,7 +285,7 @@ def swap_picture(expected: dict, frame: int) -> None:
 
 
 def write_page(witness: Witness) -> None:
-    """Puts what was seen into docs/dcc.md."""
+    """Writes the answers into docs/dcc.md."""
     text = PAGE.read_text(encoding="utf-8")
     begin, end = "<!-- blender -->", "<!-- end blender -->"
     before, _, rest = text.partition(begin)
@@ -301,7 +301,7 @@ def write_page(witness: Witness) -> None:
 
 
 def show_pictures(folder: Path, names: tuple[str, ...]) -> None:
-    """Puts renders side by side, each pixel as four by four, into one picture."""
+    """Joins renders side by side, each pixel enlarged to three by three, into one picture."""
     parts = []
     for name in names:
         picture = bpy.data.images.load(str(folder / name))
@@ -315,7 +315,7 @@ def show_pictures(folder: Path, names: tuple[str, ...]) -> None:
 
 
 def main(stage: Path, name: str) -> int:
-    """Checks, renders, and writes the page; 1 if anything is not as expected."""
+    """Checks, renders, and writes the page; returns 1 if anything is not as expected."""
     expected = json.loads(Path(f"{name}.json").read_text())
     witness = Witness()
     open_stage(stage)

@@ -19,8 +19,8 @@ Exit status: 0 done; 1 failed, or `validate` found errors; 2 bad input, reported
 
 
 def cli_reference() -> str:
-    """The reference as Markdown: a table of contents, then one section for each command."""
-    with patch.object(sys, "argv", ["warp-smoke"]):  # which is in the usage of each command
+    """Returns the reference as Markdown: a table of contents, then one section for each command."""
+    with patch.object(sys, "argv", ["warp-smoke"]):  # the name shown in each command's usage
         text = app.generate_docs(output_format="markdown")
     # The program's own section repeats the README and, in another order, the table of contents.
     commands = text[text.index("- [`") : text.index("**Commands**")] + text[text.index("## warp-smoke ") :]

@@ -1,4 +1,4 @@
-"""Measures what keeping a run safe costs on stages/plume.usda: writes docs/long_runs.json, prints its figures.
+"""Measures the cost of checkpoints and safety checks on stages/plume.usda: writes docs/long_runs.json, prints figures.
 
 Usage: python scripts/long_runs.py
 """
@@ -16,7 +16,7 @@ import warp_smoke as ws
 
 ROOT = Path(__file__).parents[1]
 FRAMES, REPEATS = 16, 3
-# Tries a stage as a command does: with USD loaded and nothing opened yet.
+# Probes a stage as a command does: with USD loaded and nothing opened yet.
 PROBE = """
 import sys
 from pathlib import Path
@@ -30,14 +30,14 @@ print(perf_counter() - began)
 
 
 def scene_at(resolution: int) -> ws.Scene:
-    """The stage's first frames at a resolution."""
+    """Returns the stage's first frames at a resolution."""
     scene = ws.Scene.open(ROOT / "stages/plume.usda")
     domains = [replace(each, resolution=resolution) for each in scene.domains]
     return replace(scene, domains=domains, end=scene.start + FRAMES - 1)
 
 
 def seconds_a_frame(scene: ws.Scene, checkpoint_every: int | None) -> tuple[float, int, int]:
-    """Time of a frame with all its files, how many checkpoints were written, and the size of the last [bytes]."""
+    """Measures the time per frame with all files, the number of checkpoints, and the size of the largest [bytes]."""
     seen, written = [], {}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "plume.checkpoint")
@@ -52,7 +52,7 @@ def seconds_a_frame(scene: ws.Scene, checkpoint_every: int | None) -> tuple[floa
 
 
 def guard_share(scene: ws.Scene) -> float:
-    """Share of a frame's time that goes into looking at density and temperature at its end."""
+    """Measures the share of a frame's time that the final check of density and temperature takes."""
     simulation = ws.Simulation(scene)
     frames, checks = [], []
     for _ in range(FRAMES):
@@ -66,7 +66,7 @@ def guard_share(scene: ws.Scene) -> float:
 
 
 def seconds_to_probe() -> float:
-    """Time that it takes to open the stage, as a binary file, in another process first."""
+    """Measures the time to probe the stage, as a binary file, in another process before opening it."""
     from pxr import Sdf
 
     with tempfile.TemporaryDirectory() as folder:
@@ -77,7 +77,7 @@ def seconds_to_probe() -> float:
 
 
 def main() -> None:
-    """Runs each case a few times in turn, takes the fastest, and writes the figures."""
+    """Runs all cases in turn a few times, takes the fastest of each, and writes the figures."""
     found = []
     for resolution in (64, 128):
         scene = scene_at(resolution)

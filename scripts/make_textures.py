@@ -1,7 +1,7 @@
 """Makes the pictures that the example stages use, in `stages/textures/`.
 
-`checker.png`, and for columns.usda two packed pairs: bricks (base colour with gloss in alpha, normals with heights in
-alpha) and stone (normals alone), and `polish.png`, the roughness of a sphere with dull bands.
+`checker.png`; for columns.usda the packed pair of bricks (base colour with gloss in alpha, normals with heights in
+alpha), stone (normals only), and `polish.png`, the roughness of a sphere with dull bands.
 """
 
 from pathlib import Path
@@ -21,29 +21,29 @@ BRICK, MORTAR = (0.42, 0.11, 0.06), (0.38, 0.36, 0.33)  # linear
 
 
 def make_checker() -> np.ndarray:
-    """A checkerboard, uint8 [SIZE, SIZE, 3] sRGB."""
+    """Makes a checkerboard, uint8 [SIZE, SIZE, 3] sRGB."""
     row, column = np.indices((SIZE, SIZE)) * SQUARES // SIZE
     return np.where(((row + column) % 2 == 0)[..., None], LIGHT, DARK).astype(np.uint8)
 
 
 def places() -> tuple[np.ndarray, np.ndarray]:
-    """Texture coordinates of the texels' centres, [SIZE, SIZE] each, first row at the top."""
+    """Returns texture coordinates of the texels' centres, [SIZE, SIZE] each, first row at the top."""
     along = (np.arange(SIZE) + 0.5) / SIZE
     return tuple(np.meshgrid(along, along[::-1]))
 
 
 def rough_noise(u: np.ndarray, v: np.ndarray, period: int) -> np.ndarray:
-    """Noise of three octaves, about −1…1."""
+    """Returns noise of three octaves, about −1…1."""
     return sum(0.5**k * gradient_noise(u * period * 2**k, v * period * 2**k, period * 2**k) for k in range(3))
 
 
 def make_bricks() -> tuple[np.ndarray, np.ndarray]:
-    """Base with gloss and normals with heights of a brick wall, uint8 [SIZE, SIZE, 4] each; it repeats."""
+    """Makes base colour with gloss and normals with heights of a tileable brick wall, uint8 [SIZE, SIZE, 4] each."""
     u, v = places()
     row = np.floor(v * BRICKS_DOWN)
     x = (u * BRICKS_ACROSS + 0.5 * (row % 2)) % 1.0
     y = (v * BRICKS_DOWN) % 1.0
-    # Distance to the brick's edge, in heights of a brick.
+    # Distance to the brick's edge, in brick heights.
     inside = np.minimum(np.minimum(x, 1 - x) * BRICKS_DOWN / BRICKS_ACROSS, np.minimum(y, 1 - y)) - JOINT
     raised = np.clip(inside / BEVEL, 0.0, 1.0)
     grain = rough_noise(u, v, 16)
@@ -57,14 +57,14 @@ def make_bricks() -> tuple[np.ndarray, np.ndarray]:
 
 
 def make_stone() -> np.ndarray:
-    """Normals of flutes with rough stone between them, uint8 [SIZE, SIZE, 3]; it repeats."""
+    """Makes tileable normals of flutes in rough stone, uint8 [SIZE, SIZE, 3]."""
     u, v = places()
     flutes = np.sqrt(np.abs(np.sin(np.pi * u * 4)))
     return encode_normals(height_normals(0.02 * flutes + 0.006 * rough_noise(u, v, 12), 1.0, 1.0))
 
 
 def make_polish() -> np.ndarray:
-    """Roughness of polished bands between dull ones, uint8 [SIZE, SIZE]."""
+    """Makes the roughness of polished bands between dull ones, uint8 [SIZE, SIZE]."""
     u, v = places()
     dull = np.clip(4 * np.sin(2 * np.pi * (6 * v + 0.15 * rough_noise(u, v, 4))), -1.0, 1.0)
     return np.rint(255 * (0.55 + 0.35 * dull)).astype(np.uint8)

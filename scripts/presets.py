@@ -2,10 +2,10 @@
 
     python scripts/presets.py [smoke] [light] [picture]
 
-With nothing set that presets set: the smoke of stages/obstacle.usda over its first frames against a finer run, the
-floor of stages/plume.usda and the room of stages/room.usda, plain, against rays to all of the light and through the
-smoke, and the plume's picture against many rays a pixel. Each family has many points, the presets among them by hand; a
-test keeps those from being dominated.
+Measured are the smoke of stages/obstacle.usda over its first frames against a finer run; the floor of stages/plume.usda
+and the room of stages/room.usda, with plain surfaces, against rays to all of the light and through the smoke; and the
+plume's picture against many rays a pixel. Each family has many points, from which the presets are chosen by hand; a
+test ensures that no other point clearly beats a preset.
 """
 
 import json
@@ -29,27 +29,27 @@ from warp_smoke.study.outcome import differences, light_scene, run_scene
 ROOT = Path(__file__).parents[1]
 SMOKE_STAGE, LIGHT_STAGE, ROOM = "stages/obstacle.usda", "stages/plume.usda", "stages/room.usda"
 FRAMES, REPEATS = 20, 5
-# How often a preset and what seems to beat it are measured in turns.
+# How often a preset and the points that seem to beat it are measured in turns.
 TURNS = 3
 COMPARED_TEXELS = 1024
 VIEW = (320, 180)
-# Gives error, seconds of each repeat, and cells, texels or pixels.
+# Returns the error, the seconds of each repeat, and the number of cells, texels or pixels.
 Measure = Callable[[Mapping[str, object]], tuple[float, Sequence[float], int]]
 SMOKE_FIELDS = ("resolution", "advection", "max_courant", "pressure_tolerance")
 LIGHT_FIELDS = ("shadow_filter", "shadow_map_size", "smoke_shadow", "smoke_shadow_share", "texture_size")
 
 
 def of_smoke(*values: object) -> dict[str, object]:
-    """Settings of a domain."""
+    """Returns settings of a domain."""
     return dict(zip(SMOKE_FIELDS, values, strict=True))
 
 
 def of_light(*values: object) -> dict[str, object]:
-    """Settings of lights and receivers."""
+    """Returns settings of lights and receivers."""
     return dict(zip(LIGHT_FIELDS, values, strict=True))
 
 
-# Of each preset, in each family.
+# The settings of each preset, in each family.
 SMOKE = {
     "draft": of_smoke(32, "semi_lagrangian_cubic", 4.0, 1e-2),
     "preview": of_smoke(64, "semi_lagrangian_cubic", 2.0, 1e-2),
@@ -63,7 +63,7 @@ LIGHT = {
 PICTURE = {"draft": {"samples": 1}, "preview": {"samples": 2}, "final": {"samples": 4}}
 
 
-# By family: where it is measured, and what its error and time are.
+# By family: where it is measured, and what its error and time mean.
 ABOUT = {
     "smoke": {
         "stage": SMOKE_STAGE,
@@ -88,7 +88,7 @@ ABOUT = {
 
 
 def with_presets(presets: Mapping[str, dict], others: Iterable[dict]) -> list[dict]:
-    """The presets' settings and others, each once."""
+    """Returns the presets' settings and others, each once."""
     found: list[dict] = []
     for settings in (*presets.values(), *others):
         if settings not in found:
@@ -97,7 +97,7 @@ def with_presets(presets: Mapping[str, dict], others: Iterable[dict]) -> list[di
 
 
 def smoke_candidates() -> list[dict]:
-    """Resolutions, schemes and steps; then tolerances."""
+    """Returns settings that vary resolution, scheme and Courant number; then tolerance."""
     schemes = ("semi_lagrangian", "semi_lagrangian_cubic", "maccormack", "bfecc")
     grid = [of_smoke(*each, 1e-3) for each in product((32, 48, 64, 96), schemes, (2.0, 4.0))]
     grid += [of_smoke(*each, 1.0, 1e-3) for each in product((64, 96), schemes[1::2])]
@@ -106,16 +106,16 @@ def smoke_candidates() -> list[dict]:
 
 
 def light_candidates() -> list[dict]:
-    """Filters and maps, rays, buffers of the smoke's shadow, and textures."""
+    """Returns settings that vary shadow filters and maps, smoke shadows, and texture sizes."""
     smoke = ("march", 0.5), ("march", 1.0), ("march", 2.0), ("ray_traced", 1.0)
     surface = [*product(("hard", "pcf_disk", "pcss"), (256, 512)), ("pcss", 1024), ("exact", 512), ("area", 512)]
-    # Each kind of shadow is varied around one of the other's.
+    # Each kind of shadow is varied with the other kind fixed.
     pairs = [(one, ("march", 2.0)) for one in surface] + [(("pcss", 512), each) for each in smoke]
     return with_presets(LIGHT, (of_light(*one, *other, n) for (one, other), n in product(pairs, (256, 512, 1024))))
 
 
 def open_scene(stage: str) -> ws.Scene:
-    """A stage's first frames, with nothing set that presets set, and plain surfaces of which the light is baked."""
+    """Opens a stage's first frames, with plain surfaces whose lit pictures are baked."""
     scene = ws.Scene.open(ROOT / stage)
     domains = [replace(domain, grids=("density",)) for domain in scene.domains]
     surfaces = [
@@ -125,14 +125,14 @@ def open_scene(stage: str) -> ws.Scene:
 
 
 def with_smoke(scene: ws.Scene, settings: Mapping[str, object]) -> ws.Scene:
-    """The smoke alone, by some settings."""
+    """Returns the scene with these settings for its smoke, without bakes."""
     surfaces = [replace(surface, receiver=None) for surface in scene.surfaces]
     domains = [replace(domain, **settings) for domain in scene.domains]
     return replace(scene, domains=domains, surfaces=surfaces, camera=None)
 
 
 def with_light(scene: ws.Scene, settings: Mapping[str, object]) -> ws.Scene:
-    """The scene with its lights and receivers by some settings."""
+    """Returns the scene with these settings for its lights and receivers."""
     cells = max((domain.resolution for domain in scene.domains), default=0)
     fields = {name: settings[name] for name in ("shadow_filter", "shadow_map_size", "smoke_shadow")}
     share = settings["smoke_shadow_share"]
@@ -147,7 +147,7 @@ def with_light(scene: ws.Scene, settings: Mapping[str, object]) -> ws.Scene:
 
 
 def smoke_measure(launcher: Launcher) -> Measure:
-    """Measures the smoke of a stage against a finer run."""
+    """Returns a function that measures the smoke of a stage against a finer run."""
     scene = open_scene(SMOKE_STAGE)
     best, _ = run_scene(launcher, with_smoke(scene, of_smoke(128, "bfecc", 1.0, 1e-5)), 1)
 
@@ -160,7 +160,7 @@ def smoke_measure(launcher: Launcher) -> Measure:
 
 
 def light_measure(launcher: Launcher, stages: Sequence[tuple[ws.Scene, Mapping[str, SmokeVolume]]]) -> Measure:
-    """Measures the baked light of stages around their smoke, everything made anew each time, against rays."""
+    """Returns a function that measures the baked light of stages with smoke against rays, all rebuilt each time."""
     best = of_light("area", 512, "ray_traced", 1.0, 2048)
     traced = [light_scene(launcher, with_light(scene, best), volumes, 0)[0] for scene, volumes in stages]
     truths = [wide_pictures(each.pictures) for each in traced]
@@ -178,7 +178,7 @@ def light_measure(launcher: Launcher, stages: Sequence[tuple[ws.Scene, Mapping[s
 
 
 def wide_pictures(pictures: Mapping[tuple[str, str], np.ndarray]) -> np.ndarray:
-    """The baked pictures at one size, 0 to 1, as a renderer shows them between texels."""
+    """Returns the baked pictures at one size, 0 to 1, interpolated between texels as in a renderer."""
     found = []
     for _, pixels in sorted(pictures.items()):
         for channel in np.moveaxis(pixels.astype(np.float32) / 255.0, 2, 0):
@@ -188,7 +188,7 @@ def wide_pictures(pictures: Mapping[tuple[str, str], np.ndarray]) -> np.ndarray:
 
 
 def picture_measure(launcher: Launcher, scene: ws.Scene, volumes: Mapping[str, SmokeVolume]) -> Measure:
-    """Measures the rendered picture against one with many rays in each pixel."""
+    """Returns a function that measures the rendered picture against one with many rays in each pixel."""
 
     def render(samples: int) -> Callable[[], np.ndarray]:
         renderer = PictureRenderer(launcher, scene, *VIEW, samples=samples)
@@ -209,7 +209,7 @@ def picture_measure(launcher: Launcher, scene: ws.Scene, volumes: Mapping[str, S
 
 
 def measure_points(candidates: Iterable[dict], presets: Mapping[str, dict], measure: Measure) -> list[dict]:
-    """The points of a family; where one seems to beat a preset, both are measured again."""
+    """Measures the points of a family; where one seems to beat a preset, both are measured again."""
     points = []
     for settings in candidates:
         error, seconds, items = measure(settings)
@@ -225,7 +225,7 @@ def measure_points(candidates: Iterable[dict], presets: Mapping[str, dict], meas
 
 
 def settle(points: Sequence[dict], measure: Measure) -> None:
-    """Times points again in turns and keeps each one's shortest: what other work adds to a time is never less."""
+    """Times points again in turns and keeps the shortest time of each: other work can only add to a time."""
     for _ in range(TURNS):
         for each in points:
             _, seconds, items = measure(each["settings"])
@@ -237,28 +237,28 @@ def settle(points: Sequence[dict], measure: Measure) -> None:
 
 
 def preset_of(name: str, points: Iterable[dict]) -> dict:
-    """The point of a preset."""
+    """Returns the point of a preset."""
     return next(each for each in points if name in each["presets"])
 
 
 def rivals_of(name: str, points: Sequence[dict]) -> list[dict]:
-    """The points that clearly beat a preset."""
+    """Returns the points that clearly beat a preset."""
     mine = preset_of(name, points)
     return [each for each in points if clearly_beats(*((one["error"], one["milliseconds"]) for one in (each, mine)))]
 
 
 def names_of(settings: dict, presets: Mapping[str, dict]) -> list[str]:
-    """The presets that have these settings."""
+    """Returns the presets that have these settings."""
     return [name for name, each in presets.items() if each == settings]
 
 
 def times_of(seconds: float, items: int) -> dict[str, float]:
-    """A point's time, of so many cells, texels or pixels."""
+    """Returns a point's time, in total and per cell, texel or pixel."""
     return {"milliseconds": round(1e3 * seconds, 3), "ns_per_item": round(1e9 * seconds / items, 1)}
 
 
 def print_point(each: Mapping) -> None:
-    """Shows a point."""
+    """Prints a point."""
     figures = f"error {each['error']:.4f}", f"{each['milliseconds']:.2f} ms"
     print(*each["presets"], *each["settings"].values(), *figures, sep="  ", flush=True)
 
@@ -299,14 +299,14 @@ def main(names: Sequence[str]) -> None:
 
 
 def replace_between(text: str, name: str, lines: Iterable[str]) -> str:
-    """A page with other lines between the comments of a name."""
+    """Replaces the lines of a page between the comments of a name."""
     begin, end = f"<!-- {name} -->", f"<!-- end {name} -->"
     before, _, rest = text.partition(begin)
     return "\n".join([before + begin, *lines, end + rest.partition(end)[2]])
 
 
 def busy_note(families: Mapping[str, dict]) -> list[str]:
-    """A warning, where other work ran before measurements, or may have."""
+    """Returns a warning if other work ran before measurements, or may have."""
     loads = {name: family["machine"].get("load before") for name, family in families.items()}
     if all(load is not None and load <= BUSY for load in loads.values()):
         return []

@@ -9,7 +9,7 @@ SCHEMA = ROOT / "warp_smoke/usd/schema/generatedSchema.usda"
 
 
 def schema_reference() -> str:
-    """The reference as Markdown: one section for each schema, one row for each attribute."""
+    """Returns the reference as Markdown: one section for each schema, one row for each attribute."""
     layer = Sdf.Layer.FindOrOpen(str(SCHEMA))
     lines = [
         "# Schema reference",

@@ -1,6 +1,6 @@
 """Makes the pictures of docs/shading.md in docs/shading/: each part of the light alone, and each kind of detail.
 
-The things stand in a still life of this script, with materials of stages/columns.usda.
+The still life is defined here, with materials from stages/columns.usda.
 """
 
 import argparse
@@ -24,7 +24,7 @@ SKY = (0.05, 0.06, 0.08)
 
 
 def look_at(eye: tuple, target: tuple) -> np.ndarray:
-    """A transform at `eye` whose −Z axis points to `target`, with Y up."""
+    """Returns a transform at `eye` whose −Z axis points to `target`, with Y up."""
     z = np.subtract(eye, target) / np.linalg.norm(np.subtract(eye, target))
     x = np.cross((0.0, 1.0, 0.0), z) / np.linalg.norm(np.cross((0.0, 1.0, 0.0), z))
     matrix = np.eye(4)
@@ -33,14 +33,14 @@ def look_at(eye: tuple, target: tuple) -> np.ndarray:
 
 
 def at(*position: float) -> np.ndarray:
-    """A transform that moves the origin."""
+    """Returns a translation."""
     matrix = np.eye(4)
     matrix[3, :3] = position
     return matrix
 
 
 def camera(eye: tuple, target: tuple, focal_length: float = 35.0) -> ws.Camera:
-    """A camera of four by three."""
+    """Makes a camera with an aspect ratio of 4:3."""
     return ws.Camera(
         path="/Camera",
         transform=look_at(eye, target),
@@ -52,14 +52,14 @@ def camera(eye: tuple, target: tuple, focal_length: float = 35.0) -> ws.Camera:
 
 
 def surface(name: str, mesh: ws.Mesh, material: ws.Material, transform: np.ndarray | None = None) -> ws.Surface:
-    """One thing of the still life."""
+    """Makes one object of the still life."""
     return ws.Surface(
         path=f"/{name}", mesh=mesh, material=material, transform=np.eye(4) if transform is None else transform
     )
 
 
 def bricks(repeats: float, **fields: object) -> ws.Material:
-    """The bricks of the columns' floor, so many times along a side."""
+    """Returns the material of the columns' brick floor, repeated along each side."""
     material = LOOKS["Bricks"]
     names = ("diffuse_texture", "normal_texture", "height_texture", "roughness_texture")
     textures = {name: replace(getattr(material, name), uv_scale=(repeats, repeats)) for name in names}
@@ -67,7 +67,7 @@ def bricks(repeats: float, **fields: object) -> ws.Material:
 
 
 def still_life(**fields: object) -> ws.Scene:
-    """A banded ball, a metal one, a glowing one and a block on bricks, under a sun and a lamp."""
+    """Makes a banded ball, a metal one, a glowing one and a block on bricks, under a sun and a lamp."""
     ground = ws.Mesh.grid((-4, 0, 4), (8, 0, 0), (0, 0, -8))
     glow = ws.Material(path="/Glow", diffuse_color=(0.3, 0.12, 0.03), emissive_color=(0.9, 0.32, 0.06))
     turned = look_at((0, 0, 0), (0.5, 0, 1)) @ at(0.75, 0.4, -0.55)
@@ -95,13 +95,13 @@ def still_life(**fields: object) -> ws.Scene:
 
 
 def dressed(scene: ws.Scene, **fields: object) -> ws.Scene:
-    """The scene with some fields of every material changed."""
+    """Returns the scene with some fields of every material changed."""
     surfaces = [replace(each, material=replace(each.material, **fields)) for each in scene.surfaces]
     return replace(scene, surfaces=surfaces)
 
 
 def light_parts() -> Iterator[tuple[str, ws.Scene]]:
-    """What each part of the light adds; the sky of the first is five times as bright as in the sum, to be seen."""
+    """Yields each part of the light alone; the first one's sky is five times as bright as in the sum, to be visible."""
     scene = still_life()
     dark = {"emissive_color": (0.0, 0.0, 0.0)}
     black = {"diffuse_color": (0.0, 0.0, 0.0), "diffuse_texture": None, "procedural": None}
@@ -113,10 +113,10 @@ def light_parts() -> Iterator[tuple[str, ws.Scene]]:
 
 
 def tessellation() -> Iterator[tuple[str, ws.Scene, str]]:
-    """Coarse meshes, lit at their vertices and at each pixel."""
+    """Yields coarse meshes, lit at their vertices and at each pixel."""
     plain = ws.Material(path="/Plain", diffuse_color=(0.12, 0.28, 0.26), fresnel_r0=(0.08, 0.08, 0.08), roughness=0.75)
     matte = ws.Material(path="/Matte", diffuse_color=(0.5, 0.47, 0.42), roughness=0.9)
-    # Its own shadow would follow the flat triangles, and hide what becomes of the light.
+    # Its self-shadow would follow the flat triangles, and hide the difference in shading.
     unshadowed = ws.Receiver(path="/Ball", bake=(), receive_shadow=False)
     ball = replace(surface("Ball", ws.Mesh.sphere(0.7, 20), plain, at(0.0, 0.7, 0.0)), receiver=unshadowed)
     scene = ws.Scene(
@@ -130,7 +130,7 @@ def tessellation() -> Iterator[tuple[str, ws.Scene, str]]:
 
 
 def relief() -> Iterator[tuple[str, ws.Scene]]:
-    """Bricks under grazing light, seen at a low angle: flat, with normals, shifted, and marched."""
+    """Yields bricks under grazing light, seen at a low angle: flat, with normals, shifted, and marched."""
     ground = ws.Mesh.grid((-2, 0, 2), (4, 0, 0), (0, 0, -4))
     sun = ws.DistantLight(
         path="/Sun", transform=look_at((-2.4, 1.0, -0.6), (0, 0, 0)), intensity=4.0, color=(1.0, 0.9, 0.75)
@@ -147,7 +147,7 @@ def relief() -> Iterator[tuple[str, ws.Scene]]:
 
 
 def gloss() -> Iterator[tuple[str, ws.Scene]]:
-    """A ball without a gloss map, with one that sets the exponent, and with one that is a factor on the highlight."""
+    """Yields a ball without a gloss map, with one that sets the exponent, and with one that scales the highlight."""
     lights = [
         ws.PointLight(path=f"/Lamp{n}", transform=at(*place), intensity=power, color=color)
         for n, (place, power, color) in enumerate(
@@ -172,7 +172,7 @@ def gloss() -> Iterator[tuple[str, ws.Scene]]:
 
 
 def panes() -> Iterator[tuple[str, ws.Scene]]:
-    """Panes of glass one before the other and a ball, and a screen whose holes are cut."""
+    """Yields panes of glass in front of each other and a ball, and a screen with holes cut by its opacity."""
     scene = still_life(ambient=SKY)
     ground, ball = scene.surfaces[:2]
     colors = (0.6, 0.08, 0.05), (0.7, 0.5, 0.05), (0.05, 0.2, 0.6)
@@ -188,13 +188,13 @@ def panes() -> Iterator[tuple[str, ws.Scene]]:
     squares = ws.Texture(file=str(file), color_space="raw", channel="r", wrap_s="clamp", wrap_t="clamp")
     cut = ws.Material(path="/Cut", diffuse_color=(0.4, 0.3, 0.2), opacity_texture=squares, opacity_threshold=0.5)
     screen = surface("Screen", ws.Mesh.grid((0.5, 0.0, 0.3), (0.7, 0, 0), (0, 1.05, 0)), cut)
-    # Their shadows would be those of boards.
+    # Panes and screen would cast the shadows of solid boards.
     lights = [replace(light, shadowed_by=("/Banded", "/Ground")) for light in scene.lights]
     yield "opacity", replace(scene, surfaces=[ground, ball, *glass, screen], lights=lights)
 
 
 def figures() -> Iterator[tuple[str, ws.Scene, str]]:
-    """Name, scene and shading of each picture."""
+    """Yields name, scene and shading of each picture."""
     for name, scene in (*light_parts(), *relief(), *gloss(), *panes()):
         yield name, scene, "pixel"
     yield from tessellation()

@@ -1,6 +1,6 @@
 """Measures the smoke shadows on this machine and writes docs/smoke_shadow.json, its tables and its pictures.
 
-The paper is Zhan, Yang, Shi and Fei (2008); its table 1, figures 3, 7 and 8, and what its equation (3) is.
+The paper is Zhan, Yang, Shi and Fei (2008): its table 1, figures 3, 7 and 8, and the effect of its equation (3).
 """
 
 import json
@@ -36,7 +36,7 @@ ORIGIN = np.zeros(3)
 
 
 def median_ms(work: Callable[[], object]) -> float:
-    """Median time of a piece of work, after one run to warm up [ms]."""
+    """Measures the median time of some work, after one warm-up run [ms]."""
     work()
     times = []
     for _ in range(REPEATS):
@@ -47,12 +47,12 @@ def median_ms(work: Callable[[], object]) -> float:
 
 
 def machine() -> str:
-    """The processor's name, and how many threads are used."""
+    """Returns the processor's name, and how many threads are used."""
     return f"{processor()}, {Launcher().threads} threads"
 
 
 def plume(resolution: int, size: int | None, method: str) -> ws.Scene:
-    """The example plume with its lamp alone, on a plain floor, at a resolution."""
+    """Returns the example plume at a resolution, with only its lamp and its floor."""
     scene = ws.Scene.open(ROOT / "stages/plume.usda")
     lamp = replace(scene.lights[0], smoke_shadow=method, smoke_shadow_size=size)
     (floor,) = (surface for surface in scene.surfaces if surface.receiver)
@@ -62,7 +62,7 @@ def plume(resolution: int, size: int | None, method: str) -> ws.Scene:
 
 
 def developed_plume() -> np.ndarray:
-    """The density of frame 40 of the plume at 64³."""
+    """Simulates the density of frame 40 of the plume at 64³."""
     simulation = ws.Simulation(plume(64, None, "march"))
     for _ in range(40):
         simulation.step()
@@ -70,18 +70,18 @@ def developed_plume() -> np.ndarray:
 
 
 def resampled(density: np.ndarray, shape: tuple[int, int, int], launcher: Launcher) -> wp.array:
-    """The same smoke on a lattice of another resolution, linear between cells."""
+    """Resamples smoke to a lattice of another resolution, linearly between cells."""
     return launcher.array(zoom(density, np.divide(shape, density.shape), order=1), "plume")
 
 
 def shadow_ms(launcher: Launcher, lattice: Lattice, light: ws.Light, density: wp.array) -> float:
-    """Median time of a light's shadow alone."""
+    """Measures the median time of a light's smoke shadow alone [ms]."""
     shadow = SMOKE_SHADOWS[light.smoke_shadow](launcher, lattice, light, ORIGIN, 9.0)
     return median_ms(lambda: shadow.update(density, 1.0))
 
 
 def table_1(smoke: np.ndarray) -> list[dict]:
-    """The paper's rows: the whole frame, and the shadow alone by several methods [ms]."""
+    """Measures the paper's rows: the entire frame, and the shadow alone by several methods [ms]."""
     rows = []
     for resolution, size, paper in TABLE_1:
         simulation = ws.Simulation(plume(resolution, size, "dpd"))
@@ -109,14 +109,14 @@ def table_1(smoke: np.ndarray) -> list[dict]:
 
 
 def axes(smoke: np.ndarray) -> list[dict]:
-    """The default shadow alone, of light along each axis of the lattice: rows of memory lie along the last [ms]."""
+    """Measures the default shadow alone for light along each lattice axis; memory rows are along the last [ms]."""
     launcher, rows = Launcher(), []
     for resolution in (64, 256):
         lattice = ws.make_plan(plume(resolution, None, "march")).domains[0].lattice
         density = resampled(smoke, lattice.shape, launcher)
         middle = 0.5 * np.array(lattice.shape)
         for axis, name in enumerate("xyz"):
-            # A little aslant, so that every slice is shifted; the lamp is two boxes away.
+            # Slightly oblique, so that every slice is shifted; the lamp is two box lengths away.
             direction = np.roll((1.0, 0.2, 0.15), axis)
             frame = frame_along(direction / np.linalg.norm(direction))
             turned = np.eye(4)
@@ -132,7 +132,7 @@ def axes(smoke: np.ndarray) -> list[dict]:
 
 
 def methods() -> list[dict]:
-    """Each method against traced rays on the floor under frame 40 of the plume, and its time [ms]."""
+    """Measures each method against traced rays on the floor under frame 40 of the plume, and its time [ms]."""
     simulation = ws.Simulation(plume(64, None, "march"))
     for _ in range(40):
         simulation.step()
@@ -178,7 +178,7 @@ def methods() -> list[dict]:
 
 
 def equation_3() -> list[dict]:
-    """One sweep against the implicit step that it begins: on a point in the middle of 129² texels."""
+    """Compares one sweep with the implicit step that it approximates, for a point in the middle of 129² texels."""
     n = 129
     u = np.zeros((1, n, n), np.float32)
     u[0, n // 2, n // 2] = 1.0
@@ -205,12 +205,12 @@ def equation_3() -> list[dict]:
 
 
 def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    """A Markdown table."""
+    """Returns a Markdown table."""
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (header, ("---",) * len(header), *rows))
 
 
 def fill_in(document: str, name: str, text: str) -> str:
-    """Puts a text between the marks of its name."""
+    """Replaces the text between the comments of a name."""
     begin, end = f"<!-- {name} -->", f"<!-- end {name} -->"
     before, _, rest = document.partition(begin)
     return f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}"
@@ -255,7 +255,7 @@ def write_tables(measured: dict) -> None:
 
 
 def figure_3() -> None:
-    """A light buffer of 64 × 48 texels of a volume of 32 × 48 × 32 cells, before and after one sweep."""
+    """Draws a light buffer of 64 × 48 texels for a volume of 32 × 48 × 32 cells, before and after one sweep."""
     scene = plume(48, None, "dpd")
     matrix = np.eye(4)
     matrix[3, :3] = 0, 1.2, 0
@@ -278,7 +278,7 @@ def figure_3() -> None:
 
 
 def figure(scene: ws.Scene, frames: tuple[int, ...], name: str) -> None:
-    """Four frames of a scene in one picture."""
+    """Draws four frames of a scene in one picture."""
     with tempfile.TemporaryDirectory() as folder:
         result = ws.run(scene, folder)
         pictures = []
@@ -294,7 +294,7 @@ def figure(scene: ws.Scene, frames: tuple[int, ...], name: str) -> None:
 
 
 def main(parts: list[str]) -> None:
-    """Does all, or the parts that are named: measure, tables, figures."""
+    """Runs all parts, or those named: measure, tables, figures."""
     measurements = DOCS / "smoke_shadow.json"
     if not parts or "measure" in parts:
         smoke = developed_plume()

@@ -1,8 +1,8 @@
 #!/usr/bin/env python
-"""Writes docs/stability.md: every hard case that is tested, in how many variants, and the worst figure of each.
+"""Writes docs/stability.md: every hard case that is tested, its number of variants, and its worst figures.
 
-Runs tests/stability and the tests named below on all processors, slow ones too; figures are what tests give to
-`record_property`.
+Runs tests/stability and the tests named below on all processors, slow ones included; figures are those that tests pass
+to `record_property`.
 
     .venv/bin/python scripts/stability.py
 """
@@ -17,7 +17,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/stability.md"
-# Hard cases that are tested beside the part that they try: section of the page → names of tests, or of their files.
+# Hard cases that are tested next to the part that they exercise: section of the page → names of tests or files.
 ELSEWHERE = {
     "test_large_steps": ["test_huge_steps_stay_bounded"],
     "test_extreme_values": ["test_any_coefficient_is_stable", "test_diffusion_is_stable"],
@@ -107,7 +107,7 @@ class Recorder:
         self.titles: dict[str, str] = {}
 
     def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
-        """Notes what each test and each file shows."""
+        """Records what each test and each file shows."""
         for item in items:
             name = item.nodeid.partition("[")[0]
             self.lines.setdefault(name, Line(item.function.__doc__.strip().splitlines()[0]))
@@ -115,7 +115,7 @@ class Recorder:
                 self.titles[item.path.stem] = item.module.__doc__.strip().splitlines()[0]
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Takes a variant's result and figures."""
+        """Records a variant's result and figures."""
         if report.when != "call":
             return
         line = self.lines[report.nodeid.partition("[")[0]]
@@ -126,7 +126,7 @@ class Recorder:
 
 
 def find(name: str) -> Iterator[str]:
-    """The tests of a name, or of a file, wherever they stand: as pytest calls them."""
+    """Yields the pytest ids of the tests with a name, or of the file with that name, anywhere in tests/."""
     for file in sorted((ROOT / "tests").rglob("test_*.py")):
         if file.name == name:
             yield str(file.relative_to(ROOT))
@@ -135,7 +135,7 @@ def find(name: str) -> Iterator[str]:
 
 
 def page(lines: dict[str, Line], titles: dict[str, str]) -> str:
-    """The page's text."""
+    """Returns the page's text."""
     text = [HEAD]
     for section in dict.fromkeys([*ELSEWHERE, *sorted(titles)]):
         own = [name for name in lines if Path(name.partition("::")[0]).stem == section and "/stability/" in name]

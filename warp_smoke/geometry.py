@@ -60,11 +60,11 @@ class Mesh(Record):
                 raise FieldError("mesh", name, f"shape {shape}", str(list(allowed)))
 
     def points_at(self, time: float) -> np.ndarray:
-        """Local points at a time code, [n, 3] float32."""
+        """Returns the local points at a time code, [n, 3] float32."""
         return value_at(self.points, time)
 
     def normals_at(self, time: float) -> np.ndarray | None:
-        """Unit normals at the triangles' corners at a time code, [m, 3, 3] float32, or None."""
+        """Returns the unit normals at the triangles' corners at a time code, [m, 3, 3] float32, or None."""
         normals = value_at(self.normals, time)
         return normalized(normals).astype(np.float32) if isinstance(self.normals, Samples) else normals
 
@@ -263,11 +263,11 @@ class Points(Record):
             raise FieldError("points", "widths", f"shape {widths.shape[1:]} from {widths.min(initial=0.0)} on", allowed)
 
     def points_at(self, time: float) -> np.ndarray:
-        """Local centres at a time code, [n, 3] float32."""
+        """Returns the local centres at a time code, [n, 3] float32."""
         return value_at(self.points, time)
 
     def widths_at(self, time: float) -> np.ndarray:
-        """Local diameters at a time code, [n] float32."""
+        """Returns the local diameters at a time code, [n] float32."""
         return value_at(self.widths, time)
 
     @property

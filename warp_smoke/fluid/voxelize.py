@@ -33,7 +33,7 @@ _HALF_DIAGONAL = 0.8661
 
 @wp.func
 def _cube(x: wp.float64):
-    """max(x, 0)³."""
+    """Returns max(x, 0)³."""
     y = wp.max(x, wp.float64(0.0))
     return y * y * y
 

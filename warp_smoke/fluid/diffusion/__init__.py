@@ -1,9 +1,10 @@
 """Implicit diffusion, stable for any coefficient: (I − r ∇²) a₁ = a₀, r = κ dt / h² (J. Stam, *Stable Fluids*, 1999).
 
-∇² is the seven-point Laplacian in cells. A field of the cells has no flux through closed sides and is ambient on open
-ones. A velocity component is 0 on closed sides across its own axis; along its other axes it slips, without friction, or
-is 0 on sides that ask for no slip. On open sides velocity has no slope. Colliders hold back the air that moves along
-them by their friction, as a share of what a wall without slip does. Across periodic sides all goes on at the other end.
+∇² is the seven-point Laplacian in units of cells. A cell-centred field has no flux through closed sides and is ambient
+on open ones. A velocity component is 0 on closed sides across its own axis; on closed sides along its other axes it
+slips freely, or is 0 if they are no-slip. On open sides velocity has zero slope. Colliders slow the air moving along
+them by their friction, as a share of the effect of a no-slip wall. Across periodic sides fields continue at the other
+end.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,8 @@
-"""Diffusion by Jacobi sweeps, beside colliders too.
+"""Diffusion by Jacobi sweeps, also near colliders.
 
-A sweep is a weighted mean of the field as it was and its neighbours as they are, so nothing ever leaves the range of
-the field and of its values on the sides, however few the sweeps. What flows between two samples goes through the open
-share of the face between them; for a velocity component that is the mean of two faces of cells.
+A sweep takes a weighted mean of the initial field and its current neighbours, so values never leave the range of the
+field and of its values on the sides, however few the sweeps. The flux between two samples passes through the open share
+of the face between them; for a velocity component that is the mean over two cell faces.
 """
 
 from math import ceil, log, prod
@@ -17,7 +17,7 @@ from warp_smoke.launch import Launcher, Rows, bits, dense, dense_store
 
 wp.set_module_options({"enable_backward": False})
 
-# Sweeps end once no more than this share of the first error can be left: what float32 resolves.
+# Sweeps end once at most this share of the initial error, the resolution of float32, can be left.
 _ENOUGH = 1e-6
 
 
@@ -51,7 +51,7 @@ def _sweep_cells(
     i1 = wp.min(i + 1, nx - 1)
     j0 = wp.max(j - 1, 0)
     j1 = wp.min(j + 1, ny - 1)
-    # 1 for a neighbour inside of the domain, else 0.
+    # 1 for a neighbour inside the domain, else 0.
     inside_x0 = float(i - i0)
     inside_x1 = float(i1 - i)
     inside_y0 = float(j - j0)
@@ -91,10 +91,10 @@ def _exchange(
     j: int,
     k: int,
 ):
-    """Σ w u_nb and Σ w over the neighbours of face (i, j, k) `across` the axis that the component u lies `along`.
+    """Returns Σ w u_nb and Σ w over the two neighbours of face (i, j, k) `across` the axis of u, which is `along`.
 
-    w is the mean open share of the faces that the cells beside have towards the neighbour; on a side of the domain it
-    is that of the side, `lower` or `upper`, where u is 0.
+    w is the mean open share of the two faces from the face's cells towards the neighbour; on a side of the domain it is
+    the weight of the side, `lower` or `upper`, where u is 0.
     """
     ci = wp.max(i - along[0], 0)
     cj = wp.max(j - along[1], 0)
@@ -119,7 +119,7 @@ def _exchange(
 
 @wp.struct
 class Component:
-    """Axes of a velocity component, and weights of the domain's sides: 2 where it does not slip along them, else 0."""
+    """Axes of a velocity component, and weights of the domain's sides: 2 for no-slip sides, else 0."""
 
     own: wp.vec3i
     first: wp.vec3i
@@ -132,7 +132,7 @@ class Component:
 
 @wp.func
 def _beside(walls: wp.array3d[float], along: wp.vec3i, across: wp.vec3i, i: int, j: int, k: int):
-    """Sum over the walls `across` the cells on either side of face (i, j, k): four faces of cells, two to each side."""
+    """Returns the sum of `walls` over the four faces `across` the two cells of face (i, j, k), two on each side."""
     ci = wp.max(i - along[0], 0)
     cj = wp.max(j - along[1], 0)
     ck = wp.max(k - along[2], 0)
@@ -152,7 +152,7 @@ def _measure_grip(
     second_friction: wp.array3d[float],
     grip_out: wp.array3d[float],
 ):
-    """Grip: the sum of w = 2 · mean friction over the walls on both sides of a face, each half a cell away."""
+    """Grip: Σ w over the walls on both sides of a face, each half a cell away, w = 2 · mean friction."""
     i, j, c = wp.tid()
     i += rows.first
     k = wp.max(c * rows.run, 0)
@@ -200,7 +200,7 @@ def _sweep_faces(
 ):
     """u_out = (before + r Σ w u_nb) / (1 + r (Σ w + grip)) on open faces, u elsewhere.
 
-    w = 1 along the component's own axis, where u goes on mirrored on open sides; else see `_exchange`.
+    w = 1 along the component's own axis, where u is mirrored beyond open sides; else see `_exchange`.
     """
     i, j, c = wp.tid()
     i += rows.first
@@ -237,14 +237,14 @@ def _sweep_faces(
 
 
 class JacobiDiffusion:
-    """Approximate: as many sweeps as it takes, or as the problem allows."""
+    """Approximate diffusion: as many sweeps as needed, but no more than the problem allows."""
 
     def __init__(self, launcher: Launcher, problem: DiffusionProblem):
         """Allocates.
 
         Args:
             launcher: where it runs.
-            problem: what diffuses where.
+            problem: the problem to solve.
         """
         self._launcher, self._problem, solids = launcher, problem, problem.solids
         halo = self._halo = Halo(launcher, problem.shape, problem.sides, 1) if "periodic" in problem.sides else None
@@ -257,7 +257,7 @@ class JacobiDiffusion:
             self._pull = self._pull and {axes: halo.zeros("diffusion", axes[1]) for axes in self._pull}
         cells = halo.shape if halo else problem.shape
         shapes = {each: cells if each is None else face_shape(cells, each) for each in problem.fields}
-        # Two to sweep between, the grip of walls, and the field among ghosts and with the drag of walls.
+        # Two arrays to sweep between, the grip of walls, the field with ghosts, and the field with the drag of walls.
         size, count = max(map(prod, shapes.values())), 3 + bool(halo) + bool(self._pull)
         rooms = [launcher.zeros(size, "diffusion") for _ in range(count)]
         self._rooms = {field: [each[: prod(shape)].reshape(shape) for each in rooms] for field, shape in shapes.items()}
@@ -272,7 +272,7 @@ class JacobiDiffusion:
         return shares
 
     def _take_in_solids(self) -> None:
-        """Copies among the ghosts which faces are open, if that has changed."""
+        """Copies the solids' face arrays to those with ghosts, if they have changed."""
         changes = self._problem.solids.changes if self._problem.solids else 0
         if self._halo and changes != self._changes:
             pairs = [(self._own_shares, self._shares)]
@@ -290,7 +290,7 @@ class JacobiDiffusion:
         if r == 0.0:
             return 0.0
         self._take_in_solids()
-        shrinks = 6.0 * r / (1.0 + 6.0 * r)  # the error, by each sweep or faster
+        shrinks = 6.0 * r / (1.0 + 6.0 * r)  # factor on the error in each sweep, or less
         most = self._problem.sweeps
         sweeps = most if shrinks == 1.0 else min(most, ceil(log(_ENOUGH) / log(shrinks)))
         target, other, grip, *rest = self._rooms[axis]

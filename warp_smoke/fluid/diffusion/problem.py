@@ -1,4 +1,4 @@
-"""What the diffusion solvers solve, and what they share."""
+"""The problem that diffusion solvers solve, and their interface."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -7,12 +7,12 @@ import warp as wp
 
 from warp_smoke.fluid.colliders import Solids
 
-# More is no different, and overflows in float32.
+# A larger number makes no difference, and would overflow in float32.
 _MOST = 1e30
 
 
 def diffusion_number(coefficient: float, dt: float, h: float) -> float:
-    """The number r = κ dt / h².
+    """Returns the diffusion number r = κ dt / h², at most 1e30.
 
     Args:
         coefficient: κ [m²/s].
@@ -24,14 +24,14 @@ def diffusion_number(coefficient: float, dt: float, h: float) -> float:
 
 @dataclass(frozen=True)
 class DiffusionProblem:
-    """What diffuses where.
+    """A diffusion problem.
 
     Attributes:
         shape: cells along each axis (nx, ny, nz).
         sides: open, closed or periodic for each of -x +x -y +y -z +z.
-        no_slip: which of them hold the velocity along them back.
-        fields: what diffuses: 0, 1 or 2 for a velocity component, None for those of the cells.
-        sweeps: the most that an iterative solver does.
+        no_slip: whether each side is a no-slip wall.
+        fields: the fields that diffuse: 0, 1 or 2 for a velocity component, None for cell-centred fields.
+        sweeps: most sweeps of an iterative solver.
         solids: the colliders on the lattice, or None.
     """
 
@@ -47,7 +47,7 @@ class DiffusionSolver(Protocol):
     """Diffuses the fields of one domain."""
 
     def diffuse(self, axis: int | None, field: wp.array, r: float) -> float:
-        """Diffuses a field; r = 0 leaves every bit as it is.
+        """Diffuses a field; r = 0 leaves it bit-identical.
 
         Args:
             axis: which of the problem's fields it is.

@@ -26,15 +26,15 @@ def _shift(rows: Rows, amount: float, least: float, a_inout: wp.array3d[float]):
 def diffuse_scalar(
     launcher: Launcher, solver: DiffusionSolver, field: wp.array, r: float, ambient: float, least: float = -inf
 ) -> float:
-    """Diffuses a field of the cells; r = 0 leaves every bit as it is.
+    """Diffuses a cell-centred field; r = 0 leaves it bit-identical.
 
     Args:
         launcher: where it runs.
-        solver: of the domain, which takes fields to be 0 on open sides.
+        solver: solver of the domain, which assumes that fields are 0 on open sides.
         field: [nx, ny, nz], changed.
         r: from `diffusion_number`.
         ambient: value of the field on open sides.
-        least: what round-off must not take the field below.
+        least: lower bound of the field, which round-off could otherwise violate.
 
     Returns:
         Bound on the error, as a share of the largest change; 0 from an exact solver.

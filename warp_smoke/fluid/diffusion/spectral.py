@@ -50,7 +50,7 @@ class SpectralDiffusion:
 
         Args:
             launcher: where it runs.
-            problem: with no solids.
+            problem: a problem without solids.
 
         Raises:
             ValueError: there are colliders.
@@ -86,7 +86,7 @@ class SpectralDiffusion:
 
 
 def _field_modes(problem: DiffusionProblem, field: int | None) -> list[Modes]:
-    """Modes of a field along each axis."""
+    """Returns the modes of a field along each axis."""
     modes = []
     for axis, n in enumerate(problem.shape):
         ends = slice(2 * axis, 2 * axis + 2)
