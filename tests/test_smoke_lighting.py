@@ -187,3 +187,29 @@ def test_bad_options_of_domains(fields, message):
     """A side of no size, no cells, and colours out of range are refused by name."""
     with pytest.raises(FieldError, match=message):
         ws.SmokeDomain(path="/World/Smoke", **fields)
+
+
+def _light(lights, **domain):
+    """What the smoke of the plume scatters at the last frame under some lights."""
+    scene = plume(grids=("density", "light"), **domain)
+    simulation = ws.Simulation(replace(scene, lights=lights, surfaces=[]), threads=1)
+    (smoke,) = [simulation.step() for _ in range(3)][-1].smoke.values()
+    return smoke.light
+
+
+def test_light_linking_of_the_smoke():
+    """A light whose lightLink leaves the domain out gives its smoke nothing, and the plan says so."""
+    lamp, sun = plume().lights
+    elsewhere = replace(lamp, illuminates=("/World/Floor",))
+    np.testing.assert_array_equal(_light([elsewhere, sun]), _light([sun]))
+    assert not _light([elsewhere]).any()
+    plan = ws.make_plan(replace(plume(grids=("light",)), lights=[elsewhere]))
+    assert "its lightLink leaves the domain out" in [each.why for each in plan.left_out if each.name == "light_volume"]
+
+
+def test_shadow_linking_of_the_smoke():
+    """A light whose shadowLink leaves the domain out shines through its smoke as if it cast no shadow at all."""
+    lamp, _ = plume().lights
+    through = _light([replace(lamp, shadowed_by=())])
+    np.testing.assert_array_equal(through, _light([replace(lamp, shadow_enable=False)]))
+    assert (through > _light([lamp])).any()

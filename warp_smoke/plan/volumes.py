@@ -26,6 +26,8 @@ def _plan_volume(
         pair = (path, light.path)
         if not light.shines or not np.any(over(light.enabled, scene.frames)):
             ledger.omit("light_volume", pair, "it is off or black at every frame")
+        elif not light.lights(path):
+            ledger.omit("light_volume", pair, "its lightLink leaves the domain out")
         elif not in_range(light, corners, scene.frames):
             ledger.omit("light_volume", pair, f"{path} lies beyond its falloffEnd")
         else:
@@ -43,7 +45,9 @@ def _smoke(
     found = []
     for each in domains if light.shadow_enable else ():
         corners = box_corners(each.lattice)
-        if not each.domain.dims_light or not may_shadow(light, corners, box_corners(lit.lattice), scene.frames):
+        if not (each.domain.dims_light and light.may_be_shadowed_by(each.domain.path)):
+            continue
+        if not may_shadow(light, corners, box_corners(lit.lattice), scene.frames):
             continue
         # The paper's buffer has no depth, so it cannot tell how much smoke lies in front of a cell.
         method = "march" if light.smoke_shadow == "dpd" else light.smoke_shadow
