@@ -248,7 +248,7 @@ def test_a_missing_frame_is_noticed(tmp_path):
     """A run does not go on over a gap: the file that is gone is named."""
     run_until(3, plume(frames=4), tmp_path, checkpoint_every=1)
     (tmp_path / "volumes" / "Smoke.0002.vdb").unlink()
-    with pytest.raises(ValueError, match=r"Smoke\.0002\.vdb.*gone"):
+    with pytest.raises(ValueError, match=r"Smoke\.0002\.vdb.*missing"):
         ws.run(plume(frames=4), tmp_path, resume=True)
 
 

@@ -155,7 +155,7 @@ def test_quality_and_budget(warp_smoke, tmp_path):
     """`plan` and `run` say what a quality sets and keeps; a budget is measured, kept to, and put into the report."""
     _, out, _ = warp_smoke("plan", PLUME, "--quality", "draft")
     assert "Quality draft sets /World/Smoke advection " in out
-    assert "The stage's own are kept: /World/Smoke resolution; /World/Floor texture_size" in out
+    assert "The stage's own values are kept: /World/Smoke resolution; /World/Floor texture_size" in out
     _, out, _ = warp_smoke("plan", PLUME, "--quality", "draft", "--resolution", 64, "--json")
     assert json.loads(out)["chosen"]["kept"]["/World/Smoke"] == ["resolution"]
 

@@ -101,7 +101,7 @@ def test_keeps_what_is_given():
     assert chosen.domains[0].max_courant == preset("draft").max_courant
     assert chosen.lights[0].shadow_filter == "exact"
     assert set(why.kept["/World/Smoke"]) == {"resolution", "advection"}
-    assert "The stage's own are kept: /World/Smoke resolution, advection" in str(why)
+    assert "The stage's own values are kept: /World/Smoke resolution, advection" in str(why)
 
 
 def test_plan_says_what_was_chosen():

@@ -14,7 +14,7 @@ def test_solvers_that_fell_short_are_told():
     """Each domain has one line for all its pressures that missed, and one for the worst diffusion."""
     assert step_warnings([{"frame": 1, "domains": {}}, _frame(), _frame(diffusion=0.005)]) == []
     pressure, diffusion = step_warnings([_frame(), _frame(converged=False), _frame(diffusion=0.4), _frame()])
-    assert pressure == "/Smoke: pressure missed its tolerance in 1 of 4 substeps, by a residual of up to 0.25"
+    assert pressure == "/Smoke: pressure missed its tolerance in 1 of 4 substeps, with a residual of up to 0.25"
     assert diffusion.startswith("/Smoke: diffusion may be off by up to 40% of the change it makes")
 
 

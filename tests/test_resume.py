@@ -60,7 +60,7 @@ def test_it_is_said():
     chosen = Chosen("Budget of 40 ms a frame", {"/World/Smoke": {"resolution": 10}}, {}, "Measured", {})
     assert str(chosen).endswith("resolution 10. Measured")
     assert str(replace(chosen, taken_over=True)).endswith(
-        "resolution 10. Measured. Taken over from the run that goes on"
+        "resolution 10. Measured. Taken over from the resumed run"
     )
 
 
@@ -68,10 +68,10 @@ def test_another_choice_is_refused(choose, tmp_path):
     """Another budget, or one where there was none, is another run; both are named."""
     choose += [10]
     run_until(2, tmp_path, budget=40.0)
-    with pytest.raises(ValueError, match=r"chosen by Budget of 40 ms a frame and are by Error of 0\.1 at most"):
+    with pytest.raises(ValueError, match=r"chosen by Budget of 40 ms a frame and now are by Error of 0\.1 at most"):
         ws.run(plume(), tmp_path, resume=True, max_error=0.1)
     run_until(2, tmp_path)
-    with pytest.raises(ValueError, match="chosen by nothing and are by Budget of 40 ms a frame"):
+    with pytest.raises(ValueError, match="chosen by nothing and now are by Budget of 40 ms a frame"):
         ws.run(plume(), tmp_path, resume=True, budget=40.0)
 
 

@@ -76,7 +76,9 @@ class Checkpoint:
         """
         difference = first_difference(self.fingerprint, now)
         if difference:
-            raise ValueError(f"{path}: the checkpoint is of another run: {difference}; allowed: the same, or no resume")
+            raise ValueError(
+                f"{path}: the checkpoint belongs to another run: {difference}; allowed: the same run, or no resume"
+            )
 
 
 def read_checkpoint(path: Path) -> Checkpoint:

@@ -259,8 +259,9 @@ class Points(Record):
         if points.ndim != 3 or points.shape[2] != 3 or not np.all(np.isfinite(points)):
             raise FieldError("points", "points", f"shape {points.shape[1:]}", "[n, 3] finite numbers")
         if widths.shape[1:] != points.shape[1:2] or not np.all(np.isfinite(widths) & (widths >= 0.0)):
-            allowed = f"[{points.shape[1]}] finite numbers, one a point, at least 0"
-            raise FieldError("points", "widths", f"shape {widths.shape[1:]} from {widths.min(initial=0.0)} on", allowed)
+            allowed = f"[{points.shape[1]}] finite numbers, one per point, at least 0"
+            found = f"of shape {widths.shape[1:]} with a least value of {widths.min(initial=0.0)}"
+            raise FieldError("points", "widths", found, allowed)
 
     def points_at(self, time: float) -> np.ndarray:
         """Returns the local centres at a time code, [n, 3] float32."""

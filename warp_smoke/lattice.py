@@ -45,7 +45,7 @@ class Lattice(Record):
 
     @property
     def axes(self) -> np.ndarray:
-        """The lattice's axes in the world, one a row, [3, 3]."""
+        """The lattice's axes in the world, one per row, [3, 3]."""
         return self.to_world[:3, :3]
 
     def world_to_cells(self) -> np.ndarray:

@@ -146,7 +146,8 @@ class Output:
     def _there(self, file: str) -> str:
         path = self._folder / file
         if not path.exists():
-            raise FieldError(str(path), "a file of a frame before the checkpoint", "gone", "to be there; or no resume")
+            allowed = "a folder with all files up to the checkpoint, or no resume"
+            raise FieldError(str(path), "a file of a frame before the checkpoint", "missing", allowed)
         return file
 
     def write(self, frame: Frame) -> None:

@@ -40,7 +40,7 @@ class OutputFolder:
         name = scene.source.stem if scene.source else "scene"
         folder = OutputFolder(Path("out", name) if path is None else Path(path), name)
         if scene.source and folder.stage.resolve() == scene.source.resolve():
-            allowed = "another one, since the results would overwrite it"
+            allowed = "another one, since the results would overwrite the stage"
             raise FieldError(str(scene.source), "output folder", folder.path, allowed)
         check_folder(folder.path)
         check_unlocked(folder.path)

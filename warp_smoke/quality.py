@@ -1,7 +1,7 @@
 """Quality presets: measured settings for what a stage leaves open, and what was chosen for a scene (without Warp).
 
 `quality.json` holds what `scripts/presets.py` measured on a named machine: for smoke, baked light and rendered
-pictures, many settings with their error and time, three of which make up each preset.
+pictures, many settings with their error and time. Each preset combines one setting of each family.
 """
 
 import json
@@ -69,8 +69,8 @@ class Chosen:
         said = [f"{path} {_list(values)}" for path, values in self.settings.items()]
         left = [f"{path} {', '.join(names)}" for path, names in self.kept.items()]
         text = f"{self.by} sets {'; '.join(said)}" if said else f"{self.by} sets nothing"
-        text += f". The stage's own are kept: {'; '.join(left)}" if left else ""
-        return f"{text}. {self.why}" + (". Taken over from the run that goes on" if self.taken_over else "")
+        text += f". The stage's own values are kept: {'; '.join(left)}" if left else ""
+        return f"{text}. {self.why}" + (". Taken over from the resumed run" if self.taken_over else "")
 
 
 def words_of_choice(max_error: float | None, budget: float | None) -> str:

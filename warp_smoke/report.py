@@ -42,7 +42,7 @@ def step_warnings(frames: list[dict]) -> list[str]:
         pressures = [status for step in steps for status in step["pressure"]]
         missed = [status["max_residual"] for status in pressures if not status["converged"]]
         if missed:
-            share = f"{len(missed)} of {len(pressures)} substeps, by a residual of up to {max(missed):.2g}"
+            share = f"{len(missed)} of {len(pressures)} substeps, with a residual of up to {max(missed):.2g}"
             warnings.append(f"{path}: pressure missed its tolerance in {share}")
         bound = max(step["diffusion"] for step in steps)
         if bound > _WORTH_A_WARNING:

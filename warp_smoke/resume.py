@@ -57,10 +57,9 @@ def choice_before(
     if before != by:
         if not goes_on:
             return None
-        difference = f"settings were chosen by {before} and are by {by}"
-        raise ValueError(
-            f"{folder.checkpoint}: the checkpoint is of another run: {difference}; allowed: the same, or no resume"
-        )
+        difference = f"settings were chosen by {before} and now are by {by}"
+        belongs = f"the checkpoint belongs to another run: {difference}"
+        raise ValueError(f"{folder.checkpoint}: {belongs}; allowed: the same run, or no resume")
     settings = chosen["settings"]
     changed = {
         kind: [replace(each, **settings.get(each.path, {})) for each in getattr(scene, kind)]

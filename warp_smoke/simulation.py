@@ -101,7 +101,8 @@ class Simulation:
         self.on_substep = on_substep
         still = [each.domain.path for each in self.plan.domains if "project_pressure" not in each.passes]
         if on_substep and still:
-            raise FieldError(still[0], "on_substep", "given", "make_plan(scene, 'on_substep'), where else air is still")
+            allowed = "with a plan from make_plan(scene, 'on_substep'), as the air in this one is still"
+            raise FieldError(still[0], "on_substep", "given", allowed)
         self.launcher = Launcher(device, threads)
         self.plan.check_memory(self.launcher.available_bytes(), str(self.launcher.device))
         self.timings = Timings(self.launcher)

@@ -32,5 +32,5 @@ def test_two_iterations(solver, monkeypatch, tmp_path, record_property):
     assert missed
     assert 1e-6 < residual < 1.0  # of the largest divergence that there was
     (said,) = [warning for warning in report["warnings"] if "pressure" in warning]
-    share = f"pressure missed its tolerance in {len(missed)} of {len(statuses)} substeps, by a residual of up to "
+    share = f"pressure missed its tolerance in {len(missed)} of {len(statuses)} substeps, with a residual of up to "
     assert said == f"/World/Smoke: {share}{max(status['max_residual'] for status in missed):.2g}"

@@ -23,7 +23,7 @@ _SEED = wp.constant(1)
 
 @wp.kernel
 def _peel(rows: Rows, lower: wp.vec3i, cells: wp.vec3i, fraction: wp.array3d[float], share_out: wp.array3d[float]):
-    """Skin: share = f − min of f and its six neighbours; f = 0 outside the box, and continues beyond the domain."""
+    """Skin: share = f − min of f and its six neighbours; f is 0 outside the box, and constant beyond the domain."""
     i, j, c = wp.tid()
     i += rows.first
     last = wp.vec3i(fraction.shape[0] - 1, fraction.shape[1] - 1, fraction.shape[2] - 1)

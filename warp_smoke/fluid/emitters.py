@@ -152,7 +152,7 @@ class Interval(NamedTuple):
 
 
 def divide(start: float, end: float, dt: float, parts: int, changing: Iterable[object] = ()) -> list[Interval]:
-    """Divides a step into equal parts, and again at samples of values, which are linear (their mean known) in between.
+    """Divides a step into equal parts, and further at samples of changing values, which are linear in between.
 
     Args:
         start: time code.
