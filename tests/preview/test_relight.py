@@ -120,5 +120,5 @@ def test_smoke_without_a_density_file(tmp_path):
     """Shadows of smoke whose density was not written cannot be made anew, which is said by path."""
     scene = replace(_scene(), domains=[replace(_scene().domains[0], grids=("velocity",))])
     stage = PreviewStage(ws.run(scene, tmp_path).stage)
-    with pytest.raises(ValueError, match="/World/Smoke: no volume has its density, so its shadow cannot be made anew"):
+    with pytest.raises(ValueError, match="/World/Smoke: no volume has its density, so its shadow cannot be recomputed"):
         stage.load(6, switches=NOTHING)

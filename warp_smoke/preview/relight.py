@@ -64,7 +64,7 @@ class Relighting:
         smoke |= {each.domain.domain.path for each in plan.volumes}
         missing = sorted(smoke - densities.keys())
         if missing:
-            raise ValueError(f"{missing[0]}: no volume has its density, so its shadow cannot be made anew")
+            raise ValueError(f"{missing[0]}: no volume has its density, so its shadow cannot be recomputed")
         launcher = self._launcher = Launcher("cpu")
         load_kernels(kernel_modules(plan), "cpu")
         self._lattices = {each.path: place_lattice(lit, each) for each in lit.domains if each.path in smoke}
@@ -117,5 +117,5 @@ def _in_cells(path: str, lattice: Lattice, density: np.ndarray, to_world: np.nda
     """Returns a volume's density in all of its domain's cells, [nx, ny, nz] float32."""
     laid = lay_over(lattice.shape, centers_to_world(lattice), density, to_world)
     if laid is None:
-        raise ValueError(f"{path}: the voxels of its volume are not its cells, so its shadow cannot be made anew")
+        raise ValueError(f"{path}: its volume's voxels do not match its cells, so its shadow cannot be recomputed")
     return laid

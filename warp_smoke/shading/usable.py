@@ -30,7 +30,7 @@ def map_surface(launcher: Launcher, surface: Surface, origin: np.ndarray) -> tup
         if texels.overlapping > _OVERLAP_OF_ROUNDING * texels.count:
             warning = f"{reach} and overlap in {texels.overlapping} of {texels.count} texels; {instead}"
             return VertexMap(launcher, surface, origin), (warning,)
-        warnings = (f"{reach}; the bake has its own within [0, 1], primvars:{BAKE_UVS}",)
+        warnings = (f"{reach}; the bake uses its own set within [0, 1], primvars:{BAKE_UVS}",)
     if texels.overlapping:
         warning = f"{path}: texture coordinates overlap in {texels.overlapping} of {texels.count} texels"
         warnings += (f"{warning}; these show only the first of the triangles there",)

@@ -94,7 +94,7 @@ def _measurements(
                 store.add(row)
             if on_row:
                 on_row(row, index + 1, len(missing))
-        kept = f"stored in {file}" if fits else f"not kept, since {file} is of another version or scene"
+        kept = f"stored in {file}" if fits else f"not kept, since {file} belongs to another version or scene"
         source = f"measured now and {kept}"
     found = [done[case.key] for case in cases if case.problem == problem]
     return [row for row in found if row.failure is None], source

@@ -14,7 +14,7 @@ from warp_smoke.study.words import duration, percent
 # At this scale letters in diagrams are about as large as in tables; they may shrink by this factor.
 _REM_PER_INCH, _LEAST_SIZE = 5.6, 0.8
 
-_AS_KNOWN = "All is as known answers ask. Fitted orders (2: with half the cell the error is a quarter):"
+_AS_KNOWN = "All known answers are met. Fitted orders (2: half the cell size quarters the error):"
 
 _PAGE = Template("""<!DOCTYPE html>
 <html lang="en">
@@ -203,9 +203,9 @@ def _effects(rows: Sequence[Row]) -> str:
             f'<td class="n">{percent(cost.share)}</td><td>{bar}</td>{changes}</tr>'
         )
     return (
-        "<h3>What each effect costs</h3><p>Each effect was switched off by itself: its cost is what a frame then takes "
-        "less, and beside it stands by how much the last frame then differs. What differs by less than the times of "
-        "two equal runs costs nothing that could be measured.</p>"
+        "<h3>What each effect costs</h3><p>Each effect was switched off by itself: its cost is the time that a frame "
+        "then saves, followed by how much the last frame changes. A cost smaller than the difference between two equal "
+        "runs is too small to measure.</p>"
         '<div class="scroll"><table><tr><th>effect</th><th class="n">costs a frame</th><th class="n">share</th>'
         f"<th></th>{head}</tr>{''.join(lines)}</table></div>"
     )

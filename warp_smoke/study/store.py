@@ -1,4 +1,4 @@
-"""The results on disk: rewritten whole after each row, so that an interrupted study continues where it stopped."""
+"""The results on disk: rewritten after each row, so that an interrupted study resumes where it stopped."""
 
 import csv
 import json

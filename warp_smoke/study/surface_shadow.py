@@ -1,6 +1,6 @@
 """Shadows of surfaces on surfaces: a ball's disk, the bunny against exact rays, and penumbras.
 
-A repeat renders the shadow map anew and looks up all points, some 37,000 on the floor and 20,000 on the bunny; its
+A repeat traces the shadow map again and looks up all points, some 37,000 on the floor and 20,000 on the bunny; its
 time is divided by their number.
 """
 
