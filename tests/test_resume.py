@@ -59,9 +59,7 @@ def test_it_is_said():
     """The line that the command prints ends with it."""
     chosen = Chosen("Budget of 40 ms a frame", {"/World/Smoke": {"resolution": 10}}, {}, "Measured", {})
     assert str(chosen).endswith("resolution 10. Measured")
-    assert str(replace(chosen, taken_over=True)).endswith(
-        "resolution 10. Measured. Taken over from the resumed run"
-    )
+    assert str(replace(chosen, taken_over=True)).endswith("resolution 10. Measured. Taken over from the resumed run")
 
 
 def test_another_choice_is_refused(choose, tmp_path):

@@ -7,7 +7,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from warp_smoke.picture_file import open_picture_file
+from warp_smoke.picture_file import open_picture_file, tile_files
 from warp_smoke.record import Record
 from warp_smoke.scene import Scene, Texture
 
@@ -81,8 +81,11 @@ def _describe_value(found: dict[str, str], prefix: str, name: str, value: object
 
 
 def _content(file: str) -> str:
+    found = sha256()
     try:
-        with open_picture_file(file) as opened:
-            return sha256(opened.read()).hexdigest()[:16]
+        for place, tile in tile_files(file).items():
+            with open_picture_file(tile) as opened:
+                found.update(repr(place).encode() + opened.read())
+        return found.hexdigest()[:16]
     except OSError as error:  # the bake reports it
         return type(error).__name__

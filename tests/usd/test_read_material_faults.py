@@ -81,10 +81,6 @@ def test_a_binding_to_nothing_is_warned_of(tmp_path):
             "/World/M/T: outputs:r alone is not supported as a colour; all three are used",
         ),
         (
-            texture("asset inputs:file = @./picture.<UDIM>.png@"),
-            "/World/M/T: inputs:file is ./picture.<UDIM>.png: tiles (UDIM) are not supported; it is left out",
-        ),
-        (
             (
                 texture("")[0],
                 texture("""asset inputs:file = @./picture.png@

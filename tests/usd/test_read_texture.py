@@ -159,3 +159,15 @@ def test_texture_without_wrap_modes_is_black_outside(tmp_path):
     """As UsdPreviewSurface's specification says for useMetadata, its default, and a file that has none."""
     material, _ = material_of(tmp_path, *texture("asset inputs:file = @./picture.png@"))
     assert (material.diffuse_texture.wrap_s, material.diffuse_texture.wrap_t) == ("black", "black")
+
+
+def test_tiles(tmp_path):
+    """`<UDIM>` stays in the file's path, beside the stage; beyond the tiles their border goes on."""
+    (tmp_path / "wood.1012.png").touch()
+    inputs = 'asset inputs:file = @./wood.<UDIM>.png@\ntoken inputs:wrapS = "repeat"'
+    material, warnings = material_of(tmp_path, *texture(inputs))
+    assert warnings == ()
+    expected = Texture(file=str(tmp_path / "wood.<UDIM>.png"), wrap_s="clamp", wrap_t="clamp")
+    assert material.diffuse_texture == expected
+    with pytest.raises(ValueError, match=r"inputs:file is @./oak.<UDIM>.png@; allowed: a file that exists"):
+        material_of(tmp_path, *texture("asset inputs:file = @./oak.<UDIM>.png@"))

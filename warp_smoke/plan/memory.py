@@ -1,5 +1,6 @@
 """Estimates of device memory, before anything is allocated."""
 
+from contextlib import suppress
 from dataclasses import replace
 from math import prod
 
@@ -8,7 +9,7 @@ from PIL import Image
 
 from warp_smoke.fluid.eddies import place_eddies
 from warp_smoke.material import TEXTURES, Material
-from warp_smoke.picture_file import open_picture_file
+from warp_smoke.picture_file import open_picture_file, tile_files
 from warp_smoke.plan.passes import DepthPlan, DomainPlan, LightPlan, ReceiverPlan, SmokeShadowPlan, VolumePlan
 from warp_smoke.plan.reach import is_moving
 from warp_smoke.scene import ArrayCollider, ArrayEmitter, Collider, DistantLight, Emitter, Light, Scene
@@ -150,12 +151,19 @@ def _picture_bytes(materials: tuple[Material, ...]) -> int:
     texels = sum(each.procedural.size**2 for each in materials if each.procedural)
     textures = [getattr(each, field) for each in materials for field in TEXTURES]
     for file in {texture.file for texture in textures if texture}:
-        try:
-            with open_picture_file(file) as opened, Image.open(opened) as image:
-                texels += image.width * image.height
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
-            continue
+        with suppress(OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+            texels += _texels(tile_files(file))
     return 16 * texels
+
+
+def _texels(tiles: dict[tuple[int, int], str]) -> int:
+    """Of a picture of tiles by column and row, all as large as the largest."""
+    sizes = []
+    for file in tiles.values():
+        with open_picture_file(file) as opened, Image.open(opened) as image:
+            sizes.append(image.size)
+    columns, rows = (max(numbers) + 1 for numbers in zip(*tiles, strict=True))
+    return columns * rows * prod(max(numbers) for numbers in zip(*sizes, strict=True))
 
 
 def _light_grid_bytes(plan: VolumePlan) -> int:

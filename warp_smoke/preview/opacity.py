@@ -12,16 +12,17 @@ def plain_opacity(material: Material) -> float:
     return float(_cut(np.float32(material.opacity), material.opacity_threshold))
 
 
-def read_opacity(material: Material) -> np.ndarray:
-    """Reads a material's opacity texture, [h, w] float32 in 0 to 1; top row first.
+def read_opacity(material: Material) -> tuple[np.ndarray, tuple[int, int]]:
+    """Reads a material's opacity texture, [h, w] float32 in 0 to 1, top row first; and its tiles along u and v.
 
     Raises:
         OSError: the texture cannot be read.
     """
     texture = material.opacity_texture
     channel = {"r": 0, "g": 1, "b": 2, "a": 3}.get(texture.channel, 0)
-    numbers = Picture.read(texture.file, texture.color_space).linear()[..., channel]
-    return _cut(np.clip(numbers * texture.scale[channel] + texture.bias[channel], 0.0, 1.0), material.opacity_threshold)
+    picture = Picture.read(texture.file, texture.color_space)
+    numbers = np.clip(picture.linear()[..., channel] * texture.scale[channel] + texture.bias[channel], 0.0, 1.0)
+    return _cut(numbers, material.opacity_threshold), picture.tiles
 
 
 def lie_alike(a: Texture, b: Texture) -> bool:

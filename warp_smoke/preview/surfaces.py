@@ -13,6 +13,7 @@ from warp_smoke.shading.procedural import make_picture
 from warp_smoke.shading.textures import Picture
 
 COMPUTED_SIZE = 1024  # at most, of computed pictures [texels]
+LARGEST_SIZE = 8192  # along a side, that all drivers draw [texels]
 PLAIN = Texture(file="")  # placed by the surface's texture coordinates alone
 
 _WRAPS = {
@@ -70,22 +71,23 @@ class SurfaceActor:
     def _lay_picture(self, material: Material) -> bool:
         """Applies a material's picture to the mesh, with its opacity as alpha; returns whether it has colours."""
         color, opacity = material.diffuse_texture, material.opacity_texture
-        place, pixels = color or opacity, None
+        place, pixels, tiles = color or opacity, None, (1, 1)
         if material.procedural is not None:
             place, pixels = PLAIN, _compute_picture(material.procedural)
         elif color is not None:
-            pixels = _read_picture(color)
+            pixels, tiles = _read_picture(color)
         has_colors = pixels is not None
         if opacity is not None:
-            shares = read_opacity(material)
-            if lie_alike(opacity, place):
+            shares, opacity_tiles = read_opacity(material)
+            tiles = tiles if has_colors else opacity_tiles
+            if lie_alike(opacity, place) and opacity_tiles == tiles:
                 white = np.full((*shares.shape, 3), 255, np.uint8)
                 pixels = with_alpha(pixels if has_colors else white, shares)
                 self.actor.prop.opacity = 1.0
             else:  # VTK places all channels of a texture in the same way
                 self.actor.prop.opacity = float(shares.mean())
         if pixels is not None:
-            self._lay_over(_laid_uvs(place, self.surface.mesh.uvs))
+            self._lay_over(_laid_uvs(place, self.surface.mesh.uvs) / np.float32(tiles))
             self.actor.texture = make_texture(pixels, place.wrap_s)
             self.actor.texture.UseSRGBColorSpaceOn()  # VTK decodes it to linear light as it draws
         return has_colors
@@ -141,19 +143,23 @@ class SurfaceActor:
 
 
 def make_texture(pixels: np.ndarray, wrap: str) -> pv.Texture:
-    """Makes a texture from [h, w, 3 or 4] uint8, top row first."""
-    texture = pv.Texture(np.ascontiguousarray(pixels))
+    """Makes a texture from [h, w, 3 or 4] uint8, top row first; only every n-th texel of one that is too large."""
+    step = -(-max(pixels.shape) // LARGEST_SIZE)
+    texture = pv.Texture(np.ascontiguousarray(pixels[::step, ::step]))
     texture.wrap = _WRAPS[wrap]
     texture.interpolate = True
     texture.mipmap = True
     return texture
 
 
-def _read_picture(source: Texture) -> np.ndarray:
-    """Reads a texture's colours, sRGB [h, w, 3] uint8. Its wrap mode along s is used along t too: VTK has only one."""
+def _read_picture(source: Texture) -> tuple[np.ndarray, tuple[int, int]]:
+    """Reads a texture's colours, sRGB [h, w, 3] uint8, and its tiles along u and v.
+
+    Its wrap mode along s is used along t too: VTK has only one.
+    """
     picture = Picture.read(source.file, source.color_space)
     values = picture.levels[np.broadcast_to(picture.codes, (*picture.codes.shape[:2], 3))]
-    return linear_to_srgb(values * source.scale[:3] + source.bias[:3])
+    return linear_to_srgb(values * source.scale[:3] + source.bias[:3]), picture.tiles
 
 
 def _compute_picture(procedural: Procedural) -> np.ndarray:

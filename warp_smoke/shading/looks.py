@@ -115,14 +115,15 @@ class _TextureTable:
     def __init__(self):
         self.textures: list[TextureLook] = []
         self.texels: list[np.ndarray] = []
-        self._places: dict[tuple, tuple[int, int, int]] = {}  # by picture: first texel, width, height
+        self._places: dict[tuple, tuple[int, tuple[int, int], tuple[int, int]]] = {}  # see `_texture_look`
         self._count = 0
 
     def add(self, texture: Texture, key: tuple, read: Callable[[], Picture]) -> int:
         """Adds a texture, and its picture unless this key is already stored; returns the texture's index."""
         if key not in self._places:
-            linear = read().linear()
-            self._places[key] = self._count, linear.shape[1], linear.shape[0]
+            picture = read()
+            linear = picture.linear()
+            self._places[key] = self._count, linear.shape[:2], picture.tiles
             self.texels.append(linear.reshape(-1, 4))
             self._count += len(self.texels[-1])
         self.textures.append(_texture_look(texture, *self._places[key]))
@@ -165,8 +166,16 @@ def without_relief(material: Material) -> Material:
     return replace(material, normal_texture=None, height_texture=None)
 
 
-def _texture_look(texture: Texture, first: int, width: int, height: int) -> TextureLook:
-    look = TextureLook()
+def _texture_look(texture: Texture, first: int, size: tuple[int, int], tiles: tuple[int, int]) -> TextureLook:
+    """A texture as kernels see it.
+
+    Args:
+        texture: how it lies on a surface.
+        first: where its picture's texels begin.
+        size: of the picture, (height, width).
+        tiles: unit squares of texture coordinates that the picture covers along u and v.
+    """
+    look, (height, width) = TextureLook(), size
     look.first, look.width, look.height = first, width, height
     look.wrap_s, look.wrap_t = WRAP_MODES.index(texture.wrap_s), WRAP_MODES.index(texture.wrap_t)
     look.channel = CHANNELS.index(texture.channel)
@@ -174,7 +183,7 @@ def _texture_look(texture: Texture, first: int, width: int, height: int) -> Text
     # UsdTransform2d scales, then rotates, then translates; rows run from the top, so v changes sign.
     angle = math.radians(texture.uv_rotation)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    to_texels = np.array([[width, 0.0], [0.0, -height]])
+    to_texels = np.diag([width / tiles[0], -height / tiles[1]])
     look.turned = wp.mat22((to_texels @ turn @ np.diag(texture.uv_scale)).astype(np.float32))
     look.moved = wp.vec2(*(to_texels @ np.asarray(texture.uv_translation) + (-0.5, height - 0.5)))
     return look

@@ -8,6 +8,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from warp_smoke.geometry import Mesh
+from warp_smoke.picture_file import UDIM
 from warp_smoke.record import finite, positive
 from warp_smoke.scene import Material, MaterialSubset, Procedural, Texture
 from warp_smoke.usd.names import MATERIAL, PROCEDURAL, TEXTURE, TRANSFORM_2D, smoke_attribute
@@ -243,13 +244,9 @@ class MaterialReader:
         asset = self._reader.still(file) if file else None
         if not asset or not asset.path:
             raise self._reader.error(prim.GetPath(), "inputs:file", "unset", "a picture")
-        if "<UDIM>" in asset.path:
-            self._reader.warn(prim, f"inputs:file is {asset.path}: tiles (UDIM) are not supported; it is left out")
-            return None
-        if not asset.resolvedPath:
+        fields["file"] = asset.resolvedPath or _resolved_tiles(file, asset.path)
+        if not fields["file"]:
             raise self._reader.error(prim.GetPath(), "inputs:file", f"@{asset.path}@", "a file that exists")
-
-        fields["file"] = asset.resolvedPath
         for field in ("wrap_s", "wrap_t", "color_space", "scale", "bias"):
             given = _source(shader, TEXTURE[field].removeprefix("inputs:"))
             if given:
@@ -257,6 +254,8 @@ class MaterialReader:
         for field in ("wrap_s", "wrap_t"):
             mode = fields.get(field, "useMetadata")
             fields[field] = WRAP_MODES.get(mode, mode)
+        if UDIM in fields["file"]:  # beyond the tiles there is nothing to repeat
+            fields |= {"wrap_s": "clamp", "wrap_t": "clamp"}
         with self._reader.naming(prim.GetPath(), TEXTURE):
             return Texture(**fields)
 
@@ -293,6 +292,14 @@ def _reflectance(values: dict[str, object], textures: dict[str, Texture | None])
     textures["specular_texture"] = None
     n = values["ior"]
     return {"specularColor": (shortest_decimal(((n - 1.0) / (n + 1.0)) ** 2),) * 3}
+
+
+def _resolved_tiles(file: Usd.Attribute, path: str) -> str:
+    """The path of a picture in tiles, with `<UDIM>` for their numbers; empty if it is none, or no tile is there."""
+    if not UsdShade.UdimUtils.IsUdimIdentifier(path):
+        return ""
+    layers = (spec.layer for spec in file.GetPropertyStack())
+    return next(filter(None, (UsdShade.UdimUtils.ResolveUdimPath(path, layer) for layer in layers)), "")
 
 
 def _source(shader: UsdShade.Shader, name: str) -> Usd.Attribute | None:
