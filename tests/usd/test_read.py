@@ -217,11 +217,35 @@ def test_first_camera_under_the_default_prim(tmp_path):
     scene = Scene.open(path)
     camera = scene.camera
     assert (camera.path, camera.focal_length, camera.near, camera.far) == ("/World/One", 35.0, 0.1, 20.0)
-    used = "/World/One: this one of 3 cameras is used: the first under the default prim, or else the first"
+    used = "/World/One: this one of 3 cameras is used; choose another by --camera or by the stage's render settings"
     assert scene.warnings == (used,)
     path = write_stage(tmp_path, "", HEADER + other)
     assert Scene.open(path).camera.path == "/Aside"
     assert Scene.open(path).warnings == ()
+
+
+CAMERAS = 'def Camera "One" { }\ndef Camera "Two" { }\ndef Xform "Rig" { def Camera "Three" { } }'
+
+
+def test_the_camera_of_the_render_settings(tmp_path):
+    """A stage says with its render settings which of several cameras it is seen through."""
+    settings = 'def RenderSettings "Settings" { rel camera = </World/Rig/Three> }'
+    header = HEADER.replace("(", '(\n    renderSettingsPrimPath = "/World/Settings"', 1)
+    scene = Scene.open(write_stage(tmp_path, CAMERAS + settings, header))
+    assert (scene.camera.path, scene.warnings) == ("/World/Rig/Three", ())
+    gone = settings.replace("/World/Rig/Three", "/World/Gone")
+    assert Scene.open(write_stage(tmp_path, CAMERAS + gone, header)).camera.path == "/World/One"
+
+
+def test_a_camera_that_is_asked_for(tmp_path):
+    """A path chooses among cameras without a warning; one where no camera is, is refused with those that are there."""
+    path = write_stage(tmp_path, CAMERAS)
+    scene = Scene.open(path, "/World/Two")
+    assert (scene.camera.path, scene.warnings) == ("/World/Two", ())
+    with pytest.raises(ValueError, match=r"camera is /World/Tow; allowed: /World/One, /World/Two, /World/Rig/Three$"):
+        Scene.open(path, "/World/Tow")
+    with pytest.raises(ValueError, match=r"camera is /World/One; allowed: none, for the stage has no camera$"):
+        Scene.open(write_stage(tmp_path, ""), "/World/One")
 
 
 def test_prototypes_of_a_point_instancer_are_not_read(tmp_path):

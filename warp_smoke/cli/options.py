@@ -21,18 +21,20 @@ class SceneOptions:
         frames: First and last frame as A:B, or one frame as A; the stage's unless given.
         resolution: Cells along the longest side of every domain, instead of the stage's.
         bake_all: Bake every visible mesh, not only those with SmokeReceiverAPI.
+        camera: Prim path of the camera that highlights are seen from; the stage's own unless given.
     """
 
     frames: str | None = None
     resolution: int | None = None
     bake_all: bool = False
+    camera: str | None = None
 
     def open(self, stage: Path) -> "warp_smoke.Scene":
         """Returns the scene of a stage with these changes applied."""
         from warp_smoke.usd.probe import check_readable  # loads USD, which --help does not need
 
         check_readable(stage)
-        scene = warp_smoke.Scene.open(stage)
+        scene = warp_smoke.Scene.open(stage, self.camera)
         if self.frames is not None:
             first, colon, last = self.frames.partition(":")
             try:

@@ -12,6 +12,7 @@ def preview(
     path: Path,
     *,
     frame: int | None = None,
+    camera: str | None = None,
     screenshot: Path | None = None,
     movie: Path | None = None,
     html: Path | None = None,
@@ -24,6 +25,7 @@ def preview(
     Args:
         path: A USD stage or a folder written by `run`.
         frame: Frame to show first; the middle one unless given.
+        camera: Prim path of the camera to look through; the stage's own unless given.
         screenshot: Save a picture here instead of opening a window.
         movie: Save all frames as a movie here instead: .mp4 (needs ffmpeg or the package imageio-ffmpeg) or .gif.
         html: Save all frames here instead, as pictures in one web page that plays in any browser.
@@ -46,6 +48,7 @@ def preview(
         warp_smoke.preview(
             path,
             frame=frame,
+            camera=camera,
             screenshot=screenshot,
             size=pixels,
             movie=movie,

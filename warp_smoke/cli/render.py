@@ -18,6 +18,7 @@ def render(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     frame: int | None = None,
+    camera: str | None = None,
     size: str = "640x360",
     quality: str | None = None,
     samples: int | None = None,
@@ -30,6 +31,7 @@ def render(
         path: A USD stage, whose smoke is simulated up to the frame, or a folder written by `run`, whose smoke is read.
         output: The PNG file to write.
         frame: The frame to render; the middle one unless given.
+        camera: Prim path of the camera to look through; the stage's own unless given.
         size: Width and height in pixels.
         quality: draft, preview or final: measured settings for the samples, and for smoke that has to be simulated.
         samples: Rays along each side of a pixel; 2, or the quality's number, unless given.
@@ -42,5 +44,5 @@ def render(
     check_readable(find_stage(path))
     options = {"quality": quality, "samples": samples, "shading": shading} | asdict(device)
     options["on_warning"] = lambda text: warn([text])
-    warp_smoke.render(path, output, frame=frame, size=picture_size(size), **options)
+    warp_smoke.render(path, output, frame=frame, camera=camera, size=picture_size(size), **options)
     say_written([output])

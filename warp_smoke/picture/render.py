@@ -69,6 +69,7 @@ def render(
     output: str | Path,
     *,
     frame: int | None = None,
+    camera: str | None = None,
     size: tuple[int, int] = (640, 360),
     quality: str | None = None,
     samples: int | None = None,
@@ -85,6 +86,7 @@ def render(
         path: a USD stage, or a folder written by `run`.
         output: the `.png` file.
         frame: the frame; the middle one unless given.
+        camera: prim path; the stage's own camera unless given.
         size: width and height [pixels].
         quality: a preset, draft, preview or final, for the samples, and for smoke that has to be simulated.
         samples: along each side of a pixel: samples² rays; 2, or those of the quality, unless given.
@@ -106,7 +108,7 @@ def render(
     from warp_smoke.usd.own_look import open_in_own_look
     from warp_smoke.usd.read_volume import read_volumes
 
-    stage, scene = open_in_own_look(path)
+    stage, scene = open_in_own_look(path, camera)
     if scene.camera is None:
         raise ValueError(f"{path}: no camera to render through; add a UsdGeomCamera")
     if frame is None:

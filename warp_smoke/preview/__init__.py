@@ -33,6 +33,7 @@ def preview(
     screenshot: str | Path | None = None,
     size: tuple[int, int] = (1280, 720),
     *,
+    camera: str | None = None,
     movie: str | Path | None = None,
     html: str | Path | None = None,
     quantity: str | None = None,
@@ -48,6 +49,7 @@ def preview(
         frame: shown first, or in the picture; the middle one unless given.
         screenshot: the picture's file; then no window is opened and no display is needed.
         size: width and height [pixels].
+        camera: prim path of the camera to look through; the stage's own unless given.
         movie: file of a movie of all frames, .mp4 or .gif; opens no window either.
         html: file of a web page with pictures of all frames; opens no window either.
         quantity: density, temperature or speed, to show on a slice through the smoke.
@@ -69,7 +71,7 @@ def preview(
     from warp_smoke.preview.window import Window
 
     path = getattr(shown, "stage", shown)
-    stage = PreviewStage(path)
+    stage = PreviewStage(path, camera)
     frames = stage.scene.frames
     if frame is None:
         frame = stage.scene.middle_frame

@@ -62,10 +62,11 @@ class PreviewStage:
         ValueError: the file is not a stage, or something on it is not allowed.
     """
 
-    def __init__(self, path: str | Path):
+    def __init__(self, path: str | Path, camera: str | None = None):
         file = self._file = find_stage(path)
+        self._camera = camera
         # Bakes are read from the stage itself, materials from the look that the user gave it.
-        _, self.scene = open_in_own_look(file)
+        _, self.scene = open_in_own_look(file, camera)
         with usd_kept_quiet():
             stage = self._stage = Usd.Stage.Open(str(file))
         self._times = _file_times(stage)
@@ -111,7 +112,7 @@ class PreviewStage:
             self._stage.Reload()
         except Tf.ErrorException as error:
             raise ValueError(f"{self._file}: not a USD stage: {usd_message(error.args[0])}") from None
-        return PreviewStage(self._file)
+        return PreviewStage(self._file, self._camera)
 
     def load(
         self, number: int, thickness: float = 1.0, quantity: str | None = None, switches: Switches = AS_BAKED

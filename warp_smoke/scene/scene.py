@@ -91,11 +91,11 @@ class Scene(Record):
         return tuple(s for s in self.surfaces if s.casts_shadow and light.may_be_shadowed_by(s.path))
 
     @staticmethod
-    def open(path: str | Path) -> "Scene":
-        """Reads a USD stage; see `warp_smoke.usd.read`."""
+    def open(path: str | Path, camera: str | None = None) -> "Scene":
+        """Reads a USD stage, seen from its own camera or the one at a prim path; see `warp_smoke.usd.read`."""
         from warp_smoke.usd.read import read_scene
 
-        return read_scene(path)
+        return read_scene(path, camera)
 
     def save(self, path: str | Path) -> None:
         """Writes the scene to a USD file; see `warp_smoke.usd.author`."""

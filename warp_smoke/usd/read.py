@@ -16,7 +16,7 @@ from warp_smoke.record import each_value
 from warp_smoke.scene import Collider, Emitter, Light, Scene, SmokeDomain, Surface
 from warp_smoke.usd.names import STAGE, TRANSFORM
 from warp_smoke.usd.quiet import usd_kept_quiet
-from warp_smoke.usd.read_camera import read_camera
+from warp_smoke.usd.read_camera import choose_camera, read_camera
 from warp_smoke.usd.read_display_color import warn_of_instances_colors
 from warp_smoke.usd.read_instances import InstanceReader, instanced_prims
 from warp_smoke.usd.read_light import is_ambient, link_light, read_ambient, read_light
@@ -40,11 +40,12 @@ MISSING = (Pcp.ErrorInvalidAssetPath, Pcp.ErrorInvalidSublayerPath, Pcp.ErrorUnr
 PARTS_OF_THE_SET = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 
 
-def read_scene(path: str | Path) -> Scene:
+def read_scene(path: str | Path, camera: str | None = None) -> Scene:
     """Reads a USD stage.
 
     Args:
         path: a .usd, .usda, .usdc or .usdz file.
+        camera: prim path of the camera to look through; see `choose_camera`.
 
     Returns:
         The scene; its `warnings` name what is not supported.
@@ -60,7 +61,7 @@ def read_scene(path: str | Path) -> Scene:
         raise ValueError(f"{path}: no such file")
     with usd_kept_quiet():
         try:
-            scene = read_stage(Usd.Stage.Open(str(path)), str(path))
+            scene = read_stage(Usd.Stage.Open(str(path)), str(path), camera)
         except Tf.ErrorException as error:  # also raised while values of a damaged file are read
             raise ValueError(f"{path}: not a USD stage: {usd_message(error.args[0])}") from None
         except UnicodeDecodeError:
@@ -68,12 +69,13 @@ def read_scene(path: str | Path) -> Scene:
     return replace(scene, source=Path(path).resolve())
 
 
-def read_stage(stage: Usd.Stage, file: str) -> Scene:
+def read_stage(stage: Usd.Stage, file: str, camera: str | None = None) -> Scene:
     """Reads an open stage.
 
     Args:
         stage: the stage.
         file: how errors name it.
+        camera: as for `read_scene`.
 
     Returns:
         The scene; its `warnings` name what is not supported.
@@ -107,10 +109,7 @@ def read_stage(stage: Usd.Stage, file: str) -> Scene:
     if stage.HasAuthoredMetadata("framesPerSecond") and stage.GetFramesPerSecond() != stage.GetTimeCodesPerSecond():
         text = "framesPerSecond differs from timeCodesPerSecond, which is not supported; each time code is a frame"
         reader.warn(stage.GetPseudoRoot(), text)
-    cameras = sorted(contents.cameras, key=lambda prim: not prim.GetPath().HasPrefix(stage.GetDefaultPrim().GetPath()))
-    if len(cameras) > 1:
-        text = f"this one of {len(cameras)} cameras is used: the first under the default prim, or else the first"
-        reader.warn(cameras[0], text)
+    seen_from = choose_camera(reader, stage, contents.cameras, camera)
     return replace(
         settings,
         domains=contents.domains,
@@ -118,7 +117,7 @@ def read_stage(stage: Usd.Stage, file: str) -> Scene:
         colliders=contents.colliders,
         surfaces=contents.surfaces,
         lights=contents.linked_lights(),
-        camera=read_camera(reader, cameras[0]) if cameras else None,
+        camera=read_camera(reader, seen_from) if seen_from else None,
         ambient=tuple(map(float, contents.ambient)),
         warnings=reader.warnings,
     )
