@@ -58,7 +58,7 @@ SMOKE = {
 LIGHT = {
     "draft": of_light("exact", 512, "march", 2.0, 256),
     "preview": of_light("exact", 512, "march", 2.0, 512),
-    "final": of_light("area", 512, "march", 2.0, 1024),
+    "final": of_light("pcss", 1024, "march", 2.0, 1024),
 }
 PICTURE = {"draft": {"samples": 1}, "preview": {"samples": 2}, "final": {"samples": 4}}
 
