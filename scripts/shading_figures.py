@@ -100,14 +100,27 @@ def dressed(scene: ws.Scene, **fields: object) -> ws.Scene:
     return replace(scene, surfaces=surfaces)
 
 
+def without_metal(scene: ws.Scene) -> ws.Scene:
+    """Returns the scene with metal mixed into the colours of its plain materials: the same light, except ambient."""
+    return replace(scene, surfaces=[replace(each, material=_mixed(each.material)) for each in scene.surfaces])
+
+
+def _mixed(material: ws.Material) -> ws.Material:
+    share, color = material.metallic, np.array(material.diffuse_color)
+    mirrored = (1.0 - share) * np.array(material.fresnel_r0) + share * color
+    return replace(
+        material, metallic=0.0, diffuse_color=tuple((1.0 - share) * color), fresnel_r0=tuple(mirrored.tolist())
+    )
+
+
 def light_parts() -> Iterator[tuple[str, ws.Scene]]:
     """Yields each part of the light alone; the first one's sky is five times as bright as in the sum, to be visible."""
     scene = still_life()
     dark = {"emissive_color": (0.0, 0.0, 0.0)}
     black = {"diffuse_color": (0.0, 0.0, 0.0), "diffuse_texture": None, "procedural": None}
     yield "ambient", replace(dressed(scene, **dark), lights=[], ambient=tuple(5 * share for share in SKY))
-    yield "diffuse", dressed(scene, reflection="classic", fresnel_r0=(0.0, 0.0, 0.0), **dark)
-    yield "specular", dressed(scene, **black, **dark)
+    yield "diffuse", dressed(without_metal(scene), reflection="classic", fresnel_r0=(0.0, 0.0, 0.0), **dark)
+    yield "specular", dressed(without_metal(scene), **black, **dark)
     yield "emissive", replace(scene, lights=[])
     yield "together", still_life(ambient=SKY)
 
